@@ -6,14 +6,15 @@ import json
 import os
 import re
 import tomllib
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import Field, field_validator
 
 from calib.errors import RecordError
 from protocols.certificate import Laboratory
-from protocols.documents import Document, read_text, read_toml
+from protocols.documents import Document, line_of, read_text, read_toml
 
 FILE_VARIABLE = "GLIDECAL_SETTINGS"
 """Environment variable that names another settings file."""
@@ -21,6 +22,11 @@ FILE_VARIABLE = "GLIDECAL_SETTINGS"
 WHAT = "settings file"
 THEME_LINE = re.compile(r"""^(\s*["']?theme["']?\s*=\s*)("[^"\n]*"|'[^'\n]*')""", re.MULTILINE)
 TABLE_LINE = re.compile(r"^\s*\[", re.MULTILINE)
+
+
+MODIFIERS = ("ctrl", "shift", "alt", "super", "hyper", "meta")
+KEYS_ALLOWED = "a character, or a name such as space, enter, f2, ctrl+t"
+IDS_ALLOWED = "an id that glidecal settings lists"
 
 
 class Settings(Document):
@@ -109,3 +115,80 @@ def with_theme(text: str, theme: str) -> str:
     quoted = json.dumps(theme, ensure_ascii=False)
     head, count = THEME_LINE.subn(lambda match: match[1] + quoted, text[:end], count=1)
     return head + text[end:] if count else f"theme = {quoted}\n{text}"
+
+
+class BoundKey(NamedTuple):
+    """A key of a screen with the id by which it can be changed, what it does, and words for it."""
+
+    key: str
+    id: str
+    action: str
+    words: str
+
+    @property
+    def name(self) -> str:
+        """For messages."""
+        return self.id or self.words or self.action
+
+
+def split(keys: str) -> list[str]:
+    """The keys of one setting; a comma itself is written ``comma``."""
+    return [key.strip() for key in keys.split(",")]
+
+
+def check_theme(path: Path, settings: Settings, themes: Collection[str]) -> None:
+    """Raises RecordError naming the file, the line, what was found and what is allowed."""
+    if settings.theme is not None and settings.theme not in themes:
+        raise _fault(path, ("theme",), repr(settings.theme), ", ".join(themes))
+
+
+def check_keys(
+    path: Path,
+    settings: Settings,
+    places: Sequence[Sequence[BoundKey]],
+    named: Collection[str],
+) -> None:
+    """Whether every id is one of these, every key one that a terminal can send, and free.
+
+    ``named`` are the names of keys. Raises as `check_theme`.
+    """
+    ids = {bound.id for place in places for bound in place if bound.id}
+    for key_id, keys in settings.keys.items():
+        if key_id not in ids:
+            raise _fault(path, ("keys", key_id), "an unknown id", IDS_ALLOWED)
+        for key in split(keys):
+            if not _is_key(key, named):
+                raise _fault(path, ("keys", key_id), f"key {key!r}", KEYS_ALLOWED)
+    for place in places:
+        for key_id, key, beside in _clashes(settings.keys, place):
+            problem = f"{key!r}, which is {beside} too"
+            raise _fault(path, ("keys", key_id), problem, "a key of its own")
+
+
+def _fault(path: Path, location: tuple[str, ...], found: str, allowed: str) -> RecordError:
+    line = line_of(read_text(path, WHAT), location)
+    where = f", line {line}" if line else ""
+    return RecordError(f"{WHAT} {path}{where}, {' '.join(location)}", found, allowed)
+
+
+def _is_key(key: str, named: Collection[str]) -> bool:
+    *modifiers, last = key.split("+") if len(key) > 1 else [key]
+    plain = (len(last) == 1 and last.isprintable() and not last.isspace()) or last in named
+    return key in named or (plain and all(m in MODIFIERS for m in modifiers))
+
+
+def _clashes(
+    chosen: Mapping[str, str], place: Sequence[BoundKey]
+) -> Iterator[tuple[str, str, str]]:
+    """Id, key and the other key's name, wherever a chosen key does two things on one screen."""
+    used: dict[str, BoundKey] = {}
+    usual = {(bound.key, bound.id) for bound in place}
+    for bound in place:
+        for key in split(chosen.get(bound.id, bound.key)):
+            earlier = used.setdefault(key, bound)
+            if earlier.action == bound.action or earlier.name == bound.name:
+                continue
+            pair = (bound.name, earlier.name), (earlier.name, bound.name)
+            moved = [names for names in pair if names[0] in chosen and (key, names[0]) not in usual]
+            if moved:
+                yield moved[0][0], key, moved[0][1]

@@ -7,7 +7,7 @@ the table on a terminal and on a page, and the columns of a spreadsheet and of p
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Annotated, Literal, TypeVar, get_args, get_origin, get_type_hints
 
@@ -143,3 +143,32 @@ def round_step(size: float) -> float:
         if factor_of_decade * decade <= size * (1.0 + 1e-9)
     )
     return float(f"{factor * decade:.6g}")
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Sizes of something missing that can be moved by round ``steps``, at first the ``first`` ones.
+
+    The ``best`` fit the readings, give or take ``deviations``. Both are empty where readings do not
+    tell them, and ``why_not`` says why.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    first: tuple[float, ...]
+    steps: tuple[float, ...]
+    least: tuple[float, ...]
+    largest: tuple[float, ...]
+    best: tuple[float, ...]
+    deviations: tuple[float, ...]
+    why_not: str
+
+    def moved(self, values: Sequence[float], number: int, steps: int) -> tuple[float, ...]:
+        """The sizes with one moved by so many of its steps, onto a multiple of them, in bounds."""
+        step = self.steps[number]
+        at = values[number] / step
+        near = round(at)
+        if not math.isclose(at, near, abs_tol=1e-6):  # between two steps: onto the next one first
+            near = math.floor(at) if steps > 0 else math.ceil(at)
+        value = min(max((near + steps) * step, self.least[number]), self.largest[number])
+        return (*values[:number], float(f"{value:.10g}"), *values[number + 1 :])

@@ -209,11 +209,9 @@ def _all_of_it(plan: Plan) -> str:
     from app.planning.tripod import before_measuring
     from app.report.text.motion import plan_text
     from app.report.text.planning import before_measuring_text
-    from app.report.text.preparing import dry_run_text
 
-    wanted_set_up = plan.procedure, plan.machine, plan.instruments
-    steps = plan_text(plan) if plan.motion else dry_run_text(*wanted_set_up)
-    return f"{steps}\n\n{before_measuring_text(*before_measuring(*wanted_set_up))}"
+    expected = before_measuring(plan.procedure, plan.machine, plan.instruments)
+    return f"{plan_text(plan)}\n\n{before_measuring_text(*expected)}"
 
 
 def measured_until(plan: Plan, until: float | None, *, headless: bool, done: bool = False) -> None:

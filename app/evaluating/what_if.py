@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
@@ -15,7 +14,7 @@ from calib.errors import NotIdentifiable, UsageError
 from calib.identify.identify import IdentificationCase, identify
 from calib.identify.solution import FittedSize, Solution, Subset
 from calib.posterior.tool import FREE_IN, Frame
-from calib.quantity import round_step
+from calib.quantity import Sizes, round_step
 from calib.tripod.controller import commanded_with, tool_error_free_of_mm
 from calib.tripod.effects.candidates import Candidate, candidates
 from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind
@@ -98,37 +97,43 @@ class Trial:
             solved = self.without.solved
         return replace(self, subset=solved.solution.subset)
 
+    def begin(self) -> Trial:
+        """The `usual` one, with all that is worked out once. Raises NotIdentifiable."""
+        trial = self.usual()
+        _ = trial.without.solution, trial.sizes
+        return trial
+
     @cached_property
-    def steps(self) -> tuple[float, ...]:
-        """Round steps no larger than the standard uncertainty of each size.
+    def sizes(self) -> Sizes:
+        """How they can be moved: by steps no larger than the standard uncertainty of each.
 
-        Where the readings do not tell it, a tenth of a size that nobody would remark on.
+        Where readings do not tell them, by a tenth of what nobody would remark on.
         """
-        tolerances = [0.1 * parameter.tolerance for parameter in self.parameters]
+        fitted: tuple[FittedSize, ...] = ()
+        why_not, kinds = "", self.parameters
         try:
-            uncertainties = [size.standard_uncertainty for size in self.fitted]
-        except NotIdentifiable:
-            uncertainties = tolerances
-        return tuple(
-            round_step(u or least) for u, least in zip(uncertainties, tolerances, strict=True)
+            fitted = self.fitted
+        except NotIdentifiable as problem:
+            why_not = str(problem)
+        best = tuple(size.value for size in fitted)
+        deviations = tuple(size.standard_uncertainty for size in fitted)
+        steps = [0.1 * kind.tolerance for kind in kinds]
+        steps = [round_step(u or step) for u, step in zip(deviations or steps, steps, strict=True)]
+        far = [
+            min(max(FAR * kind.tolerance, 4.0 * abs(value)), kind.limit)
+            for kind, value in zip(kinds, self.values, strict=True)
+        ]
+        return Sizes(
+            names=tuple(self.entry.parameters),
+            units=tuple(parameter.unit for parameter in self.entry.parameters.values()),
+            first=best or self.values,
+            steps=tuple(steps),
+            least=tuple(max(-most, kind.least) for most, kind in zip(far, kinds, strict=True)),
+            largest=tuple(far),
+            best=best,
+            deviations=deviations,
+            why_not=why_not,
         )
-
-    def begin(self) -> tuple[Solution, tuple[float, ...]]:
-        """What is solved without it, and `steps`: worked out once. Raises NotIdentifiable."""
-        return self.without.solution, self.steps
-
-    def moved(self, values: Sequence[float], number: int, steps: int) -> tuple[float, ...]:
-        """The sizes with one moved by so many of its steps, onto a multiple of them, in bounds."""
-        step, parameter = self.steps[number], self.parameters[number]
-        at = values[number] / step
-        near = round(at)
-        if not math.isclose(at, near, abs_tol=1e-6):  # between two steps: onto the next one first
-            near = math.floor(at) if steps > 0 else math.ceil(at)
-        largest = min(
-            max(FAR * parameter.tolerance, 4.0 * abs(self.values[number])), parameter.limit
-        )
-        value = min(max((near + steps) * step, -largest, parameter.least), largest)
-        return (*values[:number], float(f"{value:.10g}"), *values[number + 1 :])
 
     @property
     def frame(self) -> Frame:
@@ -205,12 +210,13 @@ class WhatIf:
         commanded = commanded_with(self._geometry, former.parameters_mm)
         return tool_error_free_of_mm(machine, FREE_IN[self.trial.frame], commanded)
 
-    def work_out(self) -> tuple[float, float]:
+    def work_out(self) -> WhatIf:
         """`tool_mm` and `misled_mm`; later they and `solution` take no time.
 
         Raises NotIdentifiable.
         """
-        return self.tool_mm, self.misled_mm
+        _ = self.tool_mm, self.misled_mm
+        return self
 
     def work_out_all(self) -> SessionSolution:
         """`solved`, and what `work_out` does. Raises NotIdentifiable."""
@@ -303,10 +309,6 @@ class Choice:
     def key(self) -> tuple[str, str]:
         """Name and place."""
         return self.entry.id, self.entry.where
-
-
-Adopt = Callable[[Choice, EffectEntry], None]
-"""What is done with an effect once its size is chosen."""
 
 
 def choices(

@@ -17,7 +17,7 @@ from typing import Annotated
 from pydantic import Field, ValidationError
 
 from app.settings import data_path
-from calib.errors import GlidecalError, UsageError
+from calib.errors import GlidecalError, RecordError, UsageError
 from drivers.port import check_port
 from drivers.profile import Profile, Query, Unit
 from drivers.profiles import profile_named
@@ -212,14 +212,16 @@ def remember(
 
 
 def adapter_before(port: str) -> str:
-    """The serial number of the adapter that was used last at a port. Raises RecordError."""
-    return _last_used().adapters.get(port, "")
+    """The serial number of the adapter that was used last at a port, empty where unknown."""
+    with contextlib.suppress(RecordError):
+        return _last_used().adapters.get(port, "")
+    return ""
 
 
 def moved_adapters(instruments: Sequence[Instrument]) -> dict[int, str]:
     """For indicators, counted from 0, whose adapter is at another port: where it is now.
 
-    It is known by the serial number that it had when it was used last. Raises RecordError.
+    It is known by the serial number that it had when it was used last.
     """
     elsewhere = {}
     for number, instrument in enumerate(instruments):

@@ -109,6 +109,13 @@ class Preparation:
         if instruments:
             self.forms, self.source = [*map(form_of, instruments), {}][:2], source
 
+    def rehearsal(self) -> Plan:
+        """What would be measured; without any indicators, with two. Raises as `plan`."""
+        machine = self.machine()
+        procedure = self.procedure(machine)
+        instruments = self.some_instruments(procedure)
+        return Plan(Path(), machine, procedure, instruments, motion=self.typed["motion"] or None)
+
     def plan(self, without: str) -> Plan:
         """All of it. Raises UsageError, with the words ``without`` where no indicator is chosen."""
         names = {"serial_number": "serial", "place": "place"}

@@ -263,6 +263,19 @@ class GuidedSession:
             numbers = tuple(r.reading for r in step_taken.questioned)
             self._append([Restored(readings=numbers, reason=reason)])
 
+    def answer(self, answer: str, step_taken: TakenStep, reason: str) -> tuple[int, ...]:
+        """What the operator says to readings in question; only "keep" lets them count.
+
+        Returns the steps that are measured again for a new zero.
+        """
+        if answer == "keep":
+            self.keep(step_taken, reason)
+            return ()
+        self.note(f"step {step_taken.step.number}: {reason}")
+        if answer == "earlier":
+            self.measure_earlier(step_taken, reason)
+        return self.remount_since(reason) if answer == "stand" else ()
+
     def measure_earlier(self, step_taken: TakenStep, reason: str) -> None:
         """The new readings are right, the earlier ones wrong: their step becomes the next one."""
         if step_taken.doubt is Doubt.ODD:  # they count no more as it is

@@ -76,12 +76,8 @@ class AlignScreen(Corrections):
     def proceed(self) -> None:
         self._show()
 
-    def say(self, text: str) -> None:
+    def say(self, text: str, *, wrong: bool = False) -> None:
         self.query_one("#said", Static).update(signalled(self.app.keyed(text)))
-
-    def refused(self, text: str) -> None:
-        self.busy = False
-        self.say(text)
 
     def _show(self) -> None:
         self.query_one(Gauges).show([gauge.live() for gauge in self.guided.gauges])

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import ClassVar
 
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
-from textual.screen import Screen
 from textual.widgets import Static
 
 from app.exit_codes import exit_code
@@ -26,33 +22,24 @@ from app.measuring.indicators import (
 from app.measuring.opening import begin, first_step, open_indicators
 from app.measuring.plan import Plan
 from app.measuring.session import Indicators
-from app.report.text import motion
+from app.report.text import motion, preparing
 from app.report.text.home import CHECK_HELP, DRY_RUN_HELP
-from app.report.text.preparing import (
-    NO_OTHER_PORT_HERE,
-    adapter_lines,
-    check_text,
-    dry_run_text,
-    refused_text,
-    trial_text,
-)
-from app.screens.interface import Interface
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
-from app.screens.pages import apart, is_left, last_lines
+from app.screens.interface import MainScreen
+from app.screens.paged import Page, PagedScreen
+from app.screens.pages import apart, is_left
 from app.screens.session_view import Gauges, port_dialog
 from calib.errors import GlidecalError
-from protocols.machine import Instrument, Machine
-from protocols.procedure import Procedure, Step
+from protocols.procedure import Step
 
 REFRESH_S = 0.1
 OPENING = "Opening the indicators …"
 
 
-class CheckScreen(Screen[None]):
+class CheckScreen(MainScreen[None]):
     """Live readings before the record begins."""
 
-    app: Interface
     HELP = CHECK_HELP
+    heading = "Check of the indicators"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "begin", "Begin", id="check.begin"),
         Binding("f5", "begin", "Begin", show=False, id="check.begin-too"),
@@ -60,7 +47,6 @@ class CheckScreen(Screen[None]):
         Binding("r", "retry", "Try again", id="check.retry"),
         Binding("o", "port", "Other port", id="check.port"),
         Binding("escape", "back", "Back", id="check.back"),
-        Binding("f10", "app.quit", "Quit", id="check.quit"),
     ]
 
     def __init__(self, plan: Plan) -> None:
@@ -71,8 +57,7 @@ class CheckScreen(Screen[None]):
         self._trial: SpindleCheck | None = None
         self._first: Step | None = None
 
-    def compose(self) -> ComposeResult:
-        yield Static("Check of the indicators", id="heading", markup=False)
+    def content(self) -> ComposeResult:
         words = Static(OPENING, id="words", markup=False)
         if self._plan.motion or self._plan.by_itself:  # every posture, to scroll through
             with VerticalScroll(id="moves"):
@@ -81,10 +66,8 @@ class CheckScreen(Screen[None]):
             yield words
         yield Static("", id="trial", markup=False)
         yield Gauges(self._plan.instruments)
-        yield from last_lines()
 
     def on_mount(self) -> None:
-        self.app.clear_notifications()  # they would lie over the readings
         self._open()
 
     @work(thread=True)
@@ -103,15 +86,11 @@ class CheckScreen(Screen[None]):
             return
         self._problem, instruments = problem, self._plan.instruments
         self._gone = [k for k, each in enumerate(instruments) if port_is_gone(each.port)]
-        words = refused_text(problem, instruments, self._gone, self._moved_adapters())
+        words = preparing.refused_text(
+            problem, instruments, self._gone, moved_adapters(self._plan.instruments)
+        )
         self.query_one("#words", Static).update(self.app.keyed(words))
         self.refresh_bindings()
-
-    def _moved_adapters(self) -> dict[int, str]:
-        """Where adapters are now that were at other ports before; nothing where that is unknown."""
-        with suppress(GlidecalError):
-            return moved_adapters(self._plan.instruments)
-        return {}
 
     def _opened(self, indicators: Indicators) -> None:
         if is_left(self):
@@ -119,10 +98,12 @@ class CheckScreen(Screen[None]):
             return
         self.app.indicators = indicators
         self.refresh_bindings()
-        mover, moved = indicators.mover, self._moved_adapters()
-        warnings = [f"WARNING: {line}" for line in adapter_lines(self._plan.instruments, moved)]
+        mover, moved = indicators.mover, moved_adapters(self._plan.instruments)
+        warnings = [
+            f"WARNING: {line}" for line in preparing.adapter_lines(self._plan.instruments, moved)
+        ]
         of_machine = motion.check_text(self._plan, mover) if mover is not None else ""
-        words = filter(None, [of_machine, "\n".join(warnings), check_text(self._plan)])
+        words = filter(None, [of_machine, "\n".join(warnings), preparing.check_text(self._plan)])
         self.query_one("#words", Static).update(self.app.keyed("\n\n".join(words)))
         if not self._plan.simulated:  # no hand can push those spindles
             with self.app.complaining():
@@ -140,7 +121,7 @@ class CheckScreen(Screen[None]):
             if ended := trial.look(states):
                 self.app.bell()
             if ended or (unready and trial.ready):
-                self._show_trial(trial_text(trial, self._first))
+                self._show_trial(preparing.trial_text(trial, self._first))
                 self.refresh_bindings()
 
     def _show_trial(self, text: str) -> None:
@@ -175,14 +156,12 @@ class CheckScreen(Screen[None]):
     async def action_port(self) -> None:
         """The first indicator whose port has gone is at another one: choose it, and try again."""
         number, instruments = self._gone[0], list(self._plan.instruments)
-        adapter = ""
-        with suppress(GlidecalError):
-            adapter = adapter_before(instruments[number].port)
+        adapter = adapter_before(instruments[number].port)
         used = [instrument.port for instrument in instruments]
         dialog = port_dialog(indicator_words(number, instruments[number]), adapter, used)
         if dialog is None:
-            self._show_trial(NO_OTHER_PORT_HERE)
-        elif self.is_current and (port := await self.app.push_screen_wait(dialog)):
+            self._show_trial(preparing.NO_OTHER_PORT_HERE)
+        elif port := await self.ask(dialog):
             instruments[number] = instruments[number].model_copy(update={"port": port})
             self._plan = replace(self._plan, instruments=tuple(instruments))
             self.query_one(Gauges).name_them(instruments)
@@ -217,35 +196,26 @@ class DryRunScreen(PagedScreen[None]):
     """Every step of a procedure, and what it will tell."""
 
     HELP = DRY_RUN_HELP
-    BINDINGS: ClassVar[list[BindingType]] = [*PAGE_KEYS]
     PAGES = (Page("dry-run", "Every step"), Page("expected", "What to expect"))
 
-    def __init__(
-        self,
-        procedure: Procedure,
-        machine: Machine,
-        instruments: Sequence[Instrument],
-        moved_by: str = "",
-    ) -> None:
+    def __init__(self, plan: Plan) -> None:
         super().__init__()
-        self._asked = procedure, machine, tuple(instruments)
-        self._moved_by = moved_by
+        self._plan = plan
 
     @work
     async def begin(self) -> None:
-        procedure, machine, instruments = self._asked
-        self.head(f"Dry run of {procedure.name}")
-        plan = Plan(Path(), machine, procedure, instruments, motion=self._moved_by)
-        self.put(
-            "dry-run", motion.plan_text(plan) if self._moved_by else dry_run_text(*self._asked)
-        )
+        plan = self._plan
+        self.head(f"Dry run of {plan.procedure.name}")
+        self.put("dry-run", motion.plan_text(plan))
         self.put("expected", await apart(self, self._expected))
 
     def _expected(self) -> str:
         from app.planning.tripod import before_measuring
         from app.report.text.planning import before_measuring_text
 
+        plan = self._plan
         try:
-            return before_measuring_text(*before_measuring(*self._asked))
+            asked = before_measuring(plan.procedure, plan.machine, plan.instruments)
+            return before_measuring_text(*asked)
         except GlidecalError as problem:
             return str(problem)

@@ -9,7 +9,7 @@ from functools import partial
 from typing import ClassVar, TypeVar
 
 from textual import work
-from textual.screen import ModalScreen, Screen
+from textual.screen import Screen
 
 from app.evaluating.solution import solve_files
 from app.measuring.plan import Plan
@@ -17,16 +17,15 @@ from app.measuring.session import GuidedSession
 from app.report.text import questions
 from app.report.text import session as texts
 from app.report.text.alignment import adjusted_words
-from app.screens.interface import ChoiceDialog, Interface, TextDialog
+from app.screens.interface import ChoiceDialog, MainScreen, TextDialog
 from calib.errors import GlidecalError
 
 Answer = TypeVar("Answer")
 
 
-class Corrections(Screen[None]):
+class Corrections(MainScreen[None]):
     """A screen over a session that is being measured; `MeasureScreen` takes the readings."""
 
-    app: Interface
     FINISHES: ClassVar[str]
     LEAVES: ClassVar[str]
     """Ids of the keys that end and that leave the session."""
@@ -40,15 +39,12 @@ class Corrections(Screen[None]):
     def proceed(self) -> None:
         """Go to the present step."""
 
-    @abstractmethod
-    def say(self, text: str) -> None:
-        """One line of what happened last."""
-
-    @abstractmethod
     def refused(self, text: str) -> None:
         """Something could not be done; the words say why."""
+        self.busy = False
+        self.say(text)
 
-    async def ask(self, dialog: ModalScreen[Answer], *, over: bool = False) -> Answer | None:
+    async def ask(self, dialog: Screen[Answer], *, over: bool = False) -> Answer | None:
         """For workers: nothing is taken while a dialog is open, and nothing moves from there on.
 
         None, too, where another dialog is open that this one need not lie over.
@@ -88,7 +84,7 @@ class Corrections(Screen[None]):
         self.app.guided = None
         self.app.go_to(result)
         if self.guided.session.changes:
-            self.app.notify(adjusted_words(self.guided.session.adjusted), timeout=30)
+            self.app.notify(adjusted_words(self.guided.session.adjusted))
 
     def _result(self) -> Screen[None]:
         from app.screens.result import ResultScreen

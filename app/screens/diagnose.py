@@ -21,7 +21,7 @@ from app.evaluating.diagnosis import (
 from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
 from app.screens.interface import ChoiceDialog, TextDialog
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
 from app.screens.what_if import tried
 from protocols.effect_entries import EffectEntry
@@ -38,9 +38,10 @@ class DiagnoseScreen(PagedScreen[None]):
         Binding("n", "next", "Next measurement", id="diagnose.next"),
         Binding("w", "what_if", "What if", id="diagnose.what_if"),
         Binding("l", "result", "Result", id="diagnose.result"),
-        *PAGE_KEYS,
     ]
     WRITES = ("adopt", "next")
+    NEEDS = ("adopt", "next", "what_if", "copy")
+    LOOKING, NOTHING = texts.NOT_YET, texts.NOTHING_FOUND
     PAGES = (
         Page("verdict", "Verdict"),
         Page("where", "Where"),
@@ -88,8 +89,6 @@ class DiagnoseScreen(PagedScreen[None]):
         diagnosed = self.diagnosed
         if reason := super().why_not(action):
             return reason
-        if action in ("adopt", "next", "what_if", "copy") and diagnosed is None:
-            return texts.NOT_YET if self.looking else texts.NOTHING_FOUND
         if action == "adopt" and diagnosed and not texts.adopt_choices(diagnosed):
             return texts.NOTHING_NAMED
         return texts.NO_NEXT if action == "next" and diagnosed and not diagnosed.separation else ""

@@ -14,7 +14,7 @@ from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from app.report.text import hexaslide as texts
 from app.screens.interface import ChoiceDialog, TextDialog
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
 from calib.hexaslide.planning import KINDS, HexaSlideSeen, conditions_at, look_at
 from calib.hexaslide.procedures import ProcedureKind
@@ -39,8 +39,9 @@ class HexaSlideScreen(PagedScreen[None]):
         Binding("f", "machine", "File", id="hexaslide.machine"),
         Binding("plus", "draw(1)", "Next posture", show=False, id="hexaslide.next_posture"),
         Binding("minus", "draw(-1)", "Posture before", show=False, id="hexaslide.posture_before"),
-        *PAGE_KEYS,
     ]
+    NEEDS = ("count", "search")
+    LOOKING, NOTHING = texts.LOOKING, texts.NO_VIEW
     PAGES = (
         Page("sees", "Sees", charts=2, beside=True),
         Page("drawn", "Machine", charts=2),
@@ -81,15 +82,10 @@ class HexaSlideScreen(PagedScreen[None]):
         self.put("sees", texts.sees_text(view, best, conditions))
         self.put("list", texts.list_text(best))
         drawings = drawn_postures(view.machine, best)
-        self.put("search", None, *drawings[:2])
+        searched = texts.search_text(view, self._count, best, searching=self.searching)
+        self.put("search", searched, *drawings[:2])
         self.put("angles", None, *drawings[2:])
-        self._show_search()
         self._draw_machine()
-
-    def _show_search(self) -> None:
-        if self.view is not None:
-            text = texts.search_text(self.view, self._count, self.found, searching=self.searching)
-            self.put("search", text)
 
     def _draw_machine(self) -> None:
         assert self.view is not None, "shown with it alone"
@@ -124,11 +120,6 @@ class HexaSlideScreen(PagedScreen[None]):
         if text is not None and text != now:
             path = Path(text).expanduser() if text else None
             self._look(replace(self.request, machine_file=path))
-
-    def why_not(self, action: str) -> str:
-        if self.view is not None or action not in ("count", "search"):
-            return ""
-        return texts.LOOKING if self.looking else texts.NO_VIEW
 
     @work(exclusive=True, group="ask")
     async def action_count(self) -> None:
@@ -171,7 +162,7 @@ class HexaSlideScreen(PagedScreen[None]):
         finally:  # a search does not outlive its worker, and that not its screen
             stopped.set()
         self.searching = False
-        self._show_search()
+        self._show_all()
 
     def _end_search(self) -> None:
         self.searching = False
@@ -188,6 +179,6 @@ class HexaSlideScreen(PagedScreen[None]):
         if self.searching:
             self._end_search()
             self.app.notify(texts.STOPPED)
-            self._show_search()
+            self._show_all()
         else:
             super().action_back()

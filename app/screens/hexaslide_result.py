@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -17,11 +16,12 @@ from app.report.charts.hexaslide import drawn_machine, left_with, residual_chart
 from app.report.text import hexaslide_result as texts
 from app.report.text import hexaslide_what_if as what_if_texts
 from app.screens.interface import ChoiceDialog
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
 from app.screens.what_if import SIZE_KEYS, SizesScreen
-from calib.diagnosis.hexaslide_what_if import PostureTrial
+from calib.diagnosis.hexaslide_what_if import CauseAtSize, PostureTrial
 from calib.errors import extra
+from calib.quantity import Sizes
 
 
 class HexaSlideResultScreen(PagedScreen[None]):
@@ -33,10 +33,10 @@ class HexaSlideResultScreen(PagedScreen[None]):
         Binding("r", "report", "Report", id="postures.report"),
         Binding("d", "show_page('diagnosis')", "Diagnose", id="postures.diagnose"),
         Binding("w", "what_if", "What if", id="postures.what_if"),
-        Binding("h", "home", "Home", show=False, id="postures.home"),
-        *PAGE_KEYS,
     ]
-    WRITES = ("export", "report", "home")
+    WRITES = ("export", "report")
+    NEEDS = ("export", "report", "what_if")
+    LOOKING, NOTHING = texts.LOOKING, texts.NO_RESULT
     PAGES = (
         Page("result", "Result", charts=2, beside=True),
         Page("details", "Details"),
@@ -78,12 +78,6 @@ class HexaSlideResultScreen(PagedScreen[None]):
         """The bars are as long as there is room."""
         self._show_glance()
 
-    def why_not(self, action: str) -> str:
-        reason = super().why_not(action)
-        if not reason and self.result is None and action in ("export", "report", "what_if"):
-            return texts.LOOKING if self.looking else texts.NO_RESULT
-        return reason
-
     @work(exclusive=True, group="what-if")
     async def action_what_if(self) -> None:
         if self.result is None:
@@ -102,12 +96,9 @@ class HexaSlideResultScreen(PagedScreen[None]):
         if result is not None and (
             paths := await self.app.written(partial(write_calibrated, result.solved, folder))
         ):
-            self.app.notify(texts.exported_text(paths), markup=False)
+            self.app.notify(texts.exported_text(paths))
             self.folder = folder.name
             self._show_glance()
-
-    def action_home(self) -> None:
-        self.app.go_to(self.app.home())
 
     @work(exclusive=True, group="write")
     async def action_report(self) -> None:
@@ -127,47 +118,32 @@ class HexaSlideResultScreen(PagedScreen[None]):
                 return write_report(lambda: source_from(certified), output, replace=replace)
 
             if path := await self.app.written(job):
-                self.app.notify(texts.REPORT_WRITTEN.format(path), markup=False)
+                self.app.notify(texts.REPORT_WRITTEN.format(path))
 
 
-class PostureWhatIfScreen(SizesScreen[None]):
+class PostureWhatIfScreen(SizesScreen[None, CauseAtSize]):
     """One cause beside the parameters; nothing is written."""
 
     HELP = what_if_texts.WHAT_IF_HELP
-    BINDINGS: ClassVar[list[BindingType]] = [*SIZE_KEYS, *PAGE_KEYS]
+    BINDINGS: ClassVar[list[BindingType]] = [*SIZE_KEYS]
     PAGES = (Page("left", "What is left", charts=1, text=False),)
-    trial: PostureTrial
 
     def __init__(self, path: Path, causes: CausesToTry, name: tuple[str, str]) -> None:
-        super().__init__()
-        self.path = path
-        self.causes = causes
-        self.name_of_cause = name
+        super().__init__(what_if_texts.heading_text(name, path))
+        self.trial: PostureTrial | None = None
+        self._causes, self._cause = causes, name
 
-    def begin(self) -> None:
-        self.head(what_if_texts.heading_text(self.name_of_cause, self.path))
-        self.look(partial(self.causes.trial, self.name_of_cause), self._begin)
+    def begun(self) -> Sizes:
+        self.trial = self._causes.trial(self._cause)
+        return self.trial.sizes
 
-    def _begin(self, trial: PostureTrial) -> None:
-        self.trial, self.known = trial, True
-        self.move_to(trial.best or (0.0,) * len(trial.cause.names))
+    def outcome(self, values: tuple[float, ...]) -> CauseAtSize:
+        assert self.trial is not None, "begun"
+        return self.trial.at(values)
 
-    def move_to(self, values: Sequence[float]) -> None:
-        self.values = tuple(values)
-        self.show_words()
-
-    def show_words(self) -> None:
-        trial, values = self.trial, self.values
-        before, now = trial.at([0.0] * len(values)), trial.at(values)
-        sizes = what_if_texts.sizes_text(trial, values, self.number)
-        self.put_words(sizes, what_if_texts.effect_text(before, now))
-        readings = trial.models.readings
+    def show(self, outcome: CauseAtSize) -> str:
+        assert self.trial is not None, "begun"
+        before, readings = self.trial.at([0.0] * len(outcome.values)), self.trial.models.readings
         numbers = [readings.number(row) for row in range(len(readings.sliders))]
-        self.follow("left", left_with(numbers, before, now))
-
-    def action_best(self) -> None:
-        """The sizes that fit best; where the readings do not show them, why."""
-        if self.known and self.trial.best:
-            self.move_to(self.trial.best)
-        else:
-            self.app.complain(what_if_texts.WORKING if self.looking else what_if_texts.NOT_SEEN)
+        self.follow("left", left_with(numbers, before, outcome))
+        return what_if_texts.effect_text(before, outcome)

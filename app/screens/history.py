@@ -16,7 +16,7 @@ from app.report.charts.posture_history import platform_figure
 from app.report.charts.results import before_and_after, control_charts
 from app.report.text import history as texts
 from app.report.text import result as result_texts
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
 from app.screens.plot import LegPlots
 
@@ -25,7 +25,6 @@ class CompareScreen(PagedScreen[None]):
     """Two sessions side by side."""
 
     HELP = result_texts.COMPARISON_HELP
-    BINDINGS: ClassVar[list[BindingType]] = [*PAGE_KEYS]
     PAGES = (
         Page("comparison", "Comparison", charts=1, beside=True),
         Page("plot", "Plot", charts=1, text=False),
@@ -48,9 +47,10 @@ class HistoryScreen(PagedScreen[None]):
 
     HELP = texts.HISTORY_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("plus", "figure(1)", "Next chart", show=False, id="history.next_figure"),
-        Binding("minus", "figure(-1)", "Chart before", show=False, id="history.figure_before"),
-        *PAGE_KEYS,
+        Binding("plus", "figure('charts', 1)", "Next chart", show=False, id="history.next_figure"),
+        Binding(
+            "minus", "figure('charts', -1)", "Chart before", show=False, id="history.figure_before"
+        ),
     ]
     PAGES = (Page("history", "History"), Page("charts", "Charts", content=LegPlots))
 
@@ -99,7 +99,3 @@ class HistoryScreen(PagedScreen[None]):
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         self._show(self._history.of_number(event.option_index))
         self.action_show_page("history")
-
-    def action_figure(self, by: int) -> None:
-        self.action_show_page("charts")
-        self.query_one(LegPlots).turn(by)

@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from textual import work
 from textual.app import ComposeResult
-from textual.binding import Binding, BindingType
 from textual.screen import Screen
 from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
@@ -27,8 +26,8 @@ from app.measuring.recorded import (
 )
 from app.report.text import home as texts
 from app.screens import Look, look_of
-from app.screens.interface import ChoiceDialog, Interface, TextDialog
-from app.screens.pages import Found, Given, apart, last_lines
+from app.screens.interface import ChoiceDialog, MainScreen, TextDialog
+from app.screens.pages import Found, Given, apart
 
 if TYPE_CHECKING:
     from app.screens.result import ResultScreen
@@ -39,24 +38,21 @@ HISTORY_S = 2.0
 DEMO_FOLDER = Path("demo-sessions")
 
 
-class HomeScreen(Screen[None]):
+class HomeScreen(MainScreen[None]):
     """The first screen."""
 
-    app: Interface
     HELP = texts.HOME_HELP
+    heading = "glidecal"
     AUTO_FOCUS = "#choices"
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("f10", "app.quit", "Quit", id="home.quit")]
 
     def __init__(self) -> None:
         super().__init__()
         self._recent: list[SessionFile] = []
         self._working = False
 
-    def compose(self) -> ComposeResult:
-        yield Static("glidecal", id="heading", markup=False)
+    def content(self) -> ComposeResult:
         yield Static(self.question(), markup=False, id="question")
         yield OptionList(id="choices", markup=False)
-        yield from last_lines()
 
     def question(self) -> str:
         return texts.HOME_QUESTION
@@ -120,7 +116,7 @@ class HomeScreen(Screen[None]):
         elif what == "session":
             choices = texts.session_choices(session, read_only=app.read_only)
             dialog = ChoiceDialog(texts.session_label(session), choices)
-            if answer := await app.push_screen_wait(dialog):
+            if answer := await self.ask(dialog):
                 await self._do(answer, session)
         elif what == "compare":
             await self._compare(session)
@@ -135,9 +131,9 @@ class HomeScreen(Screen[None]):
         rows.append((texts.ELSEWHERE, texts.ELSEWHERE))
         at = sessions.index(proposed) if proposed in sessions else 0
         words = question if sessions else f"{question}\n{texts.NO_SESSIONS}"
-        while answer := await self.app.push_screen_wait(ChoiceDialog(words, rows, at)):
+        while answer := await self.ask(ChoiceDialog(words, rows, at)):
             if isinstance(answer, str):
-                path = await self.app.push_screen_wait(TextDialog(texts.WHICH_PATH, "path"))
+                path = await self.ask(TextDialog(texts.WHICH_PATH, "path"))
                 if not path:
                     continue
                 answer = look_at(Path(path).expanduser())
@@ -159,7 +155,7 @@ class HomeScreen(Screen[None]):
             result = await self._computed(_result, path, self.app.read_only)
             await self.app.push_screen(result)
             for warning in result.solved.warnings:
-                self.app.notify(warning, severity="warning", markup=False)
+                self.app.notify(warning, severity="warning")
             if what == "export":
                 result.action_export()
 
@@ -189,7 +185,7 @@ class HomeScreen(Screen[None]):
             plan = plan_to_continue(path, tuple(map(parse_indicator, typed.split())))
         except PortsUnknown as problem:
             dialog = TextDialog(texts.PORTS_QUESTION.format(problem.thing), texts.PORTS_HINT)
-            if answer := await self.app.push_screen_wait(dialog):
+            if answer := await self.ask(dialog):
                 await self._continue(path, answer)
         else:
             self.app.push_screen(self.app.check(plan))
@@ -212,7 +208,7 @@ class HomeScreen(Screen[None]):
         if partner := partner_of(session.path, session.verifies):
             question = texts.partner_question(session.path, partner)
             dialog = ChoiceDialog(question, texts.PARTNER_CHOICES)
-            answer = await self.app.push_screen_wait(dialog)
+            answer = await self.ask(dialog)
             if answer is None:
                 return
             pair = (partner, session.path) if answer == "both" else None
@@ -253,9 +249,6 @@ class ReplayChoiceScreen(HomeScreen):
     """The sessions that were named, those of folders and their history, and no other ones."""
 
     HELP = texts.REPLAY_CHOICE_HELP
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f10", "app.quit", "Quit", id="replay-choice.quit")
-    ]
 
     def __init__(self, paths: Sequence[Path]) -> None:
         super().__init__()

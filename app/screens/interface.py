@@ -8,16 +8,17 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import datetime
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from rich.cells import cell_len
 from rich.segment import Segment
+from textual import work
 from textual.actions import ActionParseResult
 from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.color import Color
-from textual.command import CommandPalette
 from textual.containers import Vertical, VerticalScroll
 from textual.dom import DOMNode
 from textual.events import Event, InputEvent, Key, MouseDown, Paste, Resize
@@ -25,7 +26,6 @@ from textual.filter import LineFilter
 from textual.geometry import Size
 from textual.notifications import SeverityLevel
 from textual.screen import ModalScreen, Screen, ScreenResultType
-from textual.theme import ThemeProvider
 from textual.widget import Widget
 from textual.widgets import Input, OptionList, Static
 
@@ -35,10 +35,10 @@ from app.report.streams import write_nowhere
 from app.report.text import home as texts
 from app.report.text.tables import copied_text, keyed
 from app.screens import Look
-from app.screens.fast_keys import LeftOnce, Palette, ready
-from app.screens.keys import key_words, split, usual_key
-from app.screens.pages import Message, legible, signalled
-from app.settings import Settings, save_theme, settings_path
+from app.screens.fast_keys import LeftOnce, ready
+from app.screens.keys import key_words, usual_key
+from app.screens.pages import Message, last_lines, legible, signalled
+from app.settings import Settings, save_theme, settings_path, split
 from calib.errors import GlidecalError
 from calib.printable import HIDDEN
 from protocols.files import FilesThere, unused_path
@@ -48,7 +48,43 @@ if TYPE_CHECKING:
     from app.measuring.plan import Plan
     from app.measuring.session import GuidedSession, Indicators
 
-Thing = TypeVar("Thing")
+Answer = TypeVar("Answer")
+
+
+class MainScreen(LeftOnce[ScreenResultType]):
+    """A screen that is no dialog: what its keys can do, what happened last, questions over it."""
+
+    app: Interface
+    heading = ""
+
+    def compose(self) -> ComposeResult:
+        yield Static(self.heading, id="heading", markup=False)
+        yield from self.content()
+        yield from last_lines()
+
+    def content(self) -> ComposeResult:
+        """What stands between the heading and what happened last."""
+        yield from ()
+
+    def why_not(self, action: str) -> str:
+        """Why an action cannot be done now; empty where it can."""
+        return ""
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """What cannot be done is not offered; its key says why."""
+        return not self.why_not(action)
+
+    def say(self, text: str, *, wrong: bool = False) -> None:
+        """What happened last, in a line that lies over no table."""
+        for line in self.query(Message):  # none where the screen goes
+            line.tell(text, wrong=wrong)
+
+    async def ask(self, dialog: Screen[Answer]) -> Answer | None:
+        """For workers of the screen: an answer; none where another question came before."""
+        if not self.is_current:
+            return None
+        waiting = self.app.push_screen_wait(dialog)
+        return await waiting
 
 
 class Dialog(ModalScreen[ScreenResultType], LeftOnce[ScreenResultType]):
@@ -86,7 +122,7 @@ class TextDialog(Dialog[str | None]):
             event.input.placeholder = f"{self._hint}: none yet, write one, or {cancel}"
 
 
-class ChoiceDialog(Dialog[Thing | None]):
+class ChoiceDialog(Dialog[Answer | None]):
     """One of several answers, each with its words, by arrow keys and Enter or by its number."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -97,7 +133,7 @@ class ChoiceDialog(Dialog[Thing | None]):
     def __init__(
         self,
         question: str,
-        choices: Sequence[tuple[Thing, str]],
+        choices: Sequence[tuple[Answer, str]],
         highlighted: int = 0,
         leaving: str = "{dialog.cancel} cancels.",
     ) -> None:
@@ -152,26 +188,15 @@ LEAVING = ("ctrl+c", "ctrl+q", "f10")
 WIDE = 110
 """Columns from which text and plot stand side by side."""
 
+PLAIN = ("textual-dark", "textual-light")
+"""Themes that are listed first."""
+
 LEAST_SIZE = Size(80, 24)
 TALL = 30
 """Rows from which panels have room for more than their digits."""
 
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Windows knows no SIGHUP."""
-
-
-@runtime_checkable
-class Saying(Protocol):
-    """A screen with a line of its own for what happened last."""
-
-    def say(self, text: str) -> None: ...
-
-
-@runtime_checkable
-class Refusing(Protocol):
-    """A screen that says why an action cannot be done now."""
-
-    def why_not(self, action: str) -> str: ...
 
 
 class PrintableRows(LineFilter):
@@ -203,8 +228,8 @@ class Interface(App[str]):
     CSS_PATH = "glidecal.tcss"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+c", "interrupt", "Stop", show=False, priority=True),
-        Binding("f1", "help", "Help", id="app.help"),
         Binding("f10", "quit", "Quit", id="app.quit"),
+        Binding("f1", "help", "Help", id="app.help"),
     ]
 
     def __init__(
@@ -273,20 +298,32 @@ class Interface(App[str]):
         """What a key does; nothing where it comes before its screen is ready, or too late."""
         if self.return_code is not None or not ready(default_namespace):
             return False
-        if isinstance(default_namespace, Refusing):
-            why_not = default_namespace.why_not(str(action).partition("(")[0])
-            if why_not:
-                self.complain(why_not)
-                return True
+        if isinstance(default_namespace, MainScreen) and (
+            why_not := default_namespace.why_not(str(action).partition("(")[0])
+        ):
+            self.complain(why_not)
+            return True
         return await super().run_action(action, default_namespace, namespaces)
 
     def action_command_palette(self) -> None:
-        """The palette, unless one is open, be it under a screen that came while it was."""
-        if not any(isinstance(screen, CommandPalette) for screen in self.screen_stack):
-            self.push_screen(Palette())
+        """What the palette offers, in a list like any other."""
+        commands = self.get_system_commands(self.screen)
+        self._choose(texts.WHICH_COMMAND, [(c.callback, f"{c.title}: {c.help}") for c in commands])
 
     def search_themes(self) -> None:
-        self.push_screen(Palette(providers=[ThemeProvider], placeholder="Search for themes…"))
+        names = sorted(self.available_themes, key=lambda name: (name not in PLAIN, name))
+        rows = [(partial(setattr, self, "theme", name), name) for name in names]
+        self._choose(texts.WHICH_THEME, rows, names.index(self.theme))
+
+    @work
+    async def _choose(
+        self, question: str, rows: Sequence[tuple[Callable[[], object], str]], highlighted: int = 0
+    ) -> None:
+        """Do one of these things; not over another question."""
+        if not isinstance(self.screen, ModalScreen):
+            dialog = ChoiceDialog(question, rows, highlighted)
+            if chosen := await self.push_screen_wait(dialog):
+                self.call_later(chosen)
 
     def get_css_variables(self) -> dict[str, str]:
         self.theme_variables = (variables := super().get_css_variables()) | legible(variables)
@@ -294,19 +331,12 @@ class Interface(App[str]):
 
     def on_resize(self, event: Resize) -> None:
         """Smaller than every screen is made for: said after each change, until it is larger."""
-        self.set_timer(ATTEND_S, self._say_too_small)
-
-    def _say_too_small(self) -> None:
-        columns, rows = self.size
-        cramped = columns < LEAST_SIZE.width or rows < LEAST_SIZE.height
-        if cramped and not self.screen.is_mounted:
-            self.set_timer(ATTEND_S, self._say_too_small)
-        elif cramped:
-            here = f"This window has {columns} × {rows} characters, and words are cut. "
-            needed = f"glidecal needs {LEAST_SIZE.width} × {LEAST_SIZE.height}: make it larger."
-            self.notify(here + needed, severity="warning", timeout=10, markup=False)
+        cramped = event.size.width < LEAST_SIZE.width or event.size.height < LEAST_SIZE.height
+        if cramped:
+            words = texts.TOO_SMALL.format(*event.size, *LEAST_SIZE)
+            self.notify(words, severity="warning")
         elif self._cramped:
-            self.clear_notifications()
+            self.notify("")
         self._cramped = cramped
 
     def get_line_filters(self) -> Sequence[LineFilter]:
@@ -314,11 +344,10 @@ class Interface(App[str]):
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
         """The palette offers what an operator can use, no tools of the developer."""
-        theme, light, picture, keys, leave = texts.PALETTE
+        theme, picture, keys, leave = texts.PALETTE
         yield SystemCommand(*theme, self.action_change_theme)
-        yield SystemCommand(*light, self.action_light_or_dark)
         if not self.read_only:
-            # after a refresh: by then the palette is gone, and the screen below is the one shown
+            # after a refresh: by then the list is gone, and the screen below is the one shown
             yield SystemCommand(*picture, lambda: self.call_after_refresh(self._save_screenshot))
         yield SystemCommand(*keys, lambda: self.call_after_refresh(self._show_keys))
         yield SystemCommand(*leave, self.action_quit)
@@ -331,16 +360,13 @@ class Interface(App[str]):
         with self.complaining():
             save_theme(settings_path(), theme)
 
-    def action_light_or_dark(self) -> None:
-        self.theme = "textual-light" if self.current_theme.dark else "textual-dark"
-
     def _save_screenshot(self) -> None:
         from protocols.files import write_files
 
         path = unused_path(Path(f"glidecal_{datetime.now():%Y-%m-%d_%H%M%S}.svg"))
         with self.complaining():
             write_files(path, {"": self.export_screenshot()})
-            self.notify(f"Written: {path.absolute()}", timeout=10, markup=False)
+            self.notify(f"Written: {path.absolute()}")
 
     def _show_keys(self) -> None:
         entries = [entry for entry in self.screen.active_bindings.values() if entry.enabled]
@@ -382,26 +408,18 @@ class Interface(App[str]):
         screen = next((each for each in stack if not isinstance(each, ModalScreen)), None)
         if screen is not None and not screen.is_mounted:
             self.set_timer(ATTEND_S, lambda: self.notify(message, severity=severity))
-        elif isinstance(screen, Saying):
-            screen.say(message)
-        elif screen is not None and (lines := screen.query(Message)):
-            lines.first().tell(message, wrong=severity == "error")
+        elif isinstance(screen, MainScreen):
+            screen.say(message, wrong=severity == "error")
         else:
-            super().notify(message, title=title, severity=severity, timeout=timeout, markup=markup)
-
-    def clear_notifications(self) -> None:
-        super().clear_notifications()
-        for line in (line for screen in self.screen_stack for line in screen.query(Message)):
-            line.tell("")
+            super().notify(message, severity=severity, markup=False)
 
     def copy(self, text: str) -> None:
         self.copy_to_clipboard(text)
-        self.notify(copied_text(text), timeout=8, markup=False)
+        self.notify(copied_text(text))
 
     def complain(self, problem: GlidecalError | str) -> None:
-        """Show an error that a person can act on, in the place of what was told before."""
-        self.clear_notifications()
-        self.notify(str(problem), severity="error", timeout=12, markup=False)
+        """Show an error that a person can act on."""
+        self.notify(str(problem), severity="error")
 
     @contextmanager
     def complaining(self) -> Iterator[None]:
@@ -411,7 +429,7 @@ class Interface(App[str]):
         except GlidecalError as problem:
             self.complain(problem)
 
-    async def written(self, job: Callable[..., Thing]) -> Thing | None:
+    async def written(self, job: Callable[..., Answer]) -> Answer | None:
         """For workers: what a job gives that writes files, in a thread; None where it does not.
 
         Where files are there already a person is asked, and it is called again with ``replace``.
@@ -426,7 +444,7 @@ class Interface(App[str]):
         return None
 
     async def action_quit(self) -> None:
-        self.notify("Finishing …", markup=False)
+        self.notify("Finishing …")
         self.exit(await self._leave(), return_code=self._status)
 
     def action_go_back(self) -> None:
@@ -439,11 +457,12 @@ class Interface(App[str]):
     async def pause_session(self) -> None:
         text = await self._leave()
         self.go_to(self.home())
-        self.notify(text, timeout=10, markup=False)
+        self.notify(text)
 
     async def action_interrupt(self) -> None:
-        """Ctrl-C: as quit, with the exit status of an interruption."""
-        self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
+        """Ctrl-C and signals: as quit, with the exit status of an interruption."""
+        with self.batch_update():  # the terminal may be gone
+            self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
 
     def _heed_signals(self, heed: bool) -> None:
         """Leave at each of the signals; else they end the program.
@@ -462,11 +481,7 @@ class Interface(App[str]):
     def _receive(self, number: signal.Signals) -> None:
         if number.name == "SIGHUP":
             write_nowhere()
-        self.run_worker(self._hang_up())
-
-    async def _hang_up(self) -> None:
-        with self.batch_update():
-            self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
+        self.run_worker(self.action_interrupt())
 
     async def on_unmount(self) -> None:
         """However the interface ends, ports and record are let go.
@@ -509,8 +524,7 @@ class Interface(App[str]):
     def diagnosis(self, paths: list[Path]) -> Screen[None]: ...
 
     def go_to(self, screen: Screen[Any]) -> None:
-        """Replace the present screen; what was told of it and asked over it goes with it."""
-        self.clear_notifications()
+        """Replace the present screen; what was asked over it goes with it."""
         while isinstance(self.screen, ModalScreen):
             self.pop_screen()
         self.switch_screen(screen)

@@ -1,10 +1,10 @@
-"""Every key of every screen by its id, and whether a user's settings fit them."""
+"""Every key of every screen by its id."""
 
 from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
 from textual.app import App
@@ -14,13 +14,8 @@ from textual.screen import Screen
 from textual.theme import BUILTIN_THEMES
 
 from app.report.text.home import KeyRow
-from app.settings import WHAT, Settings, read_settings
-from calib.errors import RecordError
-from protocols.documents import line_of, read_text
+from app.settings import BoundKey, Settings, check_keys, check_theme, read_settings
 
-MODIFIERS = ("ctrl", "shift", "alt", "super", "hyper", "meta")
-KEYS_ALLOWED = "a character, or a name such as space, enter, f2, ctrl+t"
-IDS_ALLOWED = "an id that glidecal settings lists"
 KEY_WORDS = {"comma": ",", "plus": "+", "minus": "-", "pageup": "page up", "pagedown": "page down"}
 NAMED_KEYS = frozenset(key.value for key in Keys) | {"space", "comma"}
 
@@ -28,47 +23,20 @@ NAMED_KEYS = frozenset(key.value for key in Keys) | {"space", "comma"}
 def known_keys() -> dict[str, KeyRow]:
     """Every binding that has an id, in the order of the ids."""
     by_id: dict[str, KeyRow] = {}
-    for place in _places():
-        for key, binding in place:
-            if binding.id:
-                _, before, _ = by_id.get(binding.id, ("", (), ""))
-                keys = tuple(dict.fromkeys([*before, key]))
-                by_id[binding.id] = binding.id, keys, binding.description or binding.action
+    for bound in (bound for place in _places() for bound in place if bound.id):
+        _, before, _ = by_id.get(bound.id, ("", (), ""))
+        keys = tuple(dict.fromkeys([*before, bound.key]))
+        by_id[bound.id] = bound.id, keys, bound.words or bound.action
     return dict(sorted(by_id.items()))
 
 
 def settings_for_screens(path: Path) -> Settings:
-    """The settings of a file, checked against themes and keys.
-
-    Raises RecordError naming the file, the line, what was found and what is allowed.
-    """
+    """The settings of a file, checked against themes and keys. Raises RecordError."""
     settings = read_settings(path)
-    if settings.theme is not None and settings.theme not in BUILTIN_THEMES:
-        raise _fault(path, ("theme",), repr(settings.theme), ", ".join(BUILTIN_THEMES))
-    if not settings.keys:
-        return settings  # what follows loads every screen
-    ids = known_keys()
-    for key_id, keys in settings.keys.items():
-        if key_id not in ids:
-            raise _fault(path, ("keys", key_id), "an unknown id", IDS_ALLOWED)
-        for key in split(keys):
-            if not is_key(key):
-                raise _fault(path, ("keys", key_id), f"key {key!r}", KEYS_ALLOWED)
-    for key_id, key, beside in clashes(settings.keys):
-        problem = f"{key!r}, which is {beside} too"
-        raise _fault(path, ("keys", key_id), problem, "a key of its own")
+    check_theme(path, settings, BUILTIN_THEMES)
+    if settings.keys:  # what follows loads every screen
+        check_keys(path, settings, _places(), NAMED_KEYS)
     return settings
-
-
-def _fault(path: Path, location: tuple[str, ...], found: str, allowed: str) -> RecordError:
-    line = line_of(read_text(path, WHAT), location)
-    where = f", line {line}" if line else ""
-    return RecordError(f"{WHAT} {path}{where}, {' '.join(location)}", found, allowed)
-
-
-def split(keys: str) -> list[str]:
-    """The keys of one setting; a comma itself is written ``comma``."""
-    return [key.strip() for key in keys.split(",")]
 
 
 def key_words(key: str) -> str:
@@ -89,44 +57,19 @@ def usual_key(key_id: str) -> str | None:
     return _usual.get(key_id)
 
 
-def is_key(key: str) -> bool:
-    """Whether a terminal can send this key at all."""
-    *modifiers, last = key.split("+") if len(key) > 1 else [key]
-    plain = (len(last) == 1 and last.isprintable() and not last.isspace()) or last in NAMED_KEYS
-    return key in NAMED_KEYS or (plain and all(m in MODIFIERS for m in modifiers))
-
-
-def clashes(chosen: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
-    """Id, key and the other binding, wherever a chosen key does two things on one screen."""
-    for place in _places():
-        used: dict[str, Binding] = {}
-        usual = {(key, binding.id) for key, binding in place}
-        in_force = ((k, b) for key, b in place for k in split(chosen.get(b.id or "", key)))
-        for key, binding in in_force:
-            earlier = used.setdefault(key, binding)
-            name, other_name = _name(binding), _name(earlier)
-            if _action(earlier) == _action(binding) or name == other_name:
-                continue
-            moved = [n for n in (name, other_name) if n in chosen and (key, n) not in usual]
-            if moved:
-                yield moved[0], key, other_name if moved[0] == name else name
-
-
-def _name(binding: Binding) -> str:
-    return binding.id or binding.description or binding.action
-
-
-def _action(binding: Binding) -> str:
-    return binding.action.removeprefix("app.")
-
-
-def _places() -> tuple[tuple[tuple[str, Binding], ...], ...]:
-    """The bindings of each screen together with those of the application."""
+def _places() -> tuple[tuple[BoundKey, ...], ...]:
+    """The keys of each screen together with those of the application."""
     for module in pkgutil.iter_modules(importlib.import_module("app.screens").__path__):
         importlib.import_module(f"app.screens.{module.name}")
-    everywhere = tuple(pair for kind in _ours(App) for pair in bindings_of(kind))
-    screens = (tuple(bindings_of(kind)) for kind in _ours(Screen))
+    everywhere = tuple(key for kind in _ours(App) for key in _bound(kind))
+    screens = (tuple(_bound(kind)) for kind in _ours(Screen))
     return tuple(of_screen + everywhere for of_screen in screens if of_screen)
+
+
+def _bound(kind: type[object]) -> Iterator[BoundKey]:
+    for key, binding in bindings_of(kind):
+        action = binding.action.removeprefix("app.")
+        yield BoundKey(key, binding.id or "", action, binding.description)
 
 
 def _ours(kind: type[object]) -> Iterator[type[object]]:

@@ -16,7 +16,8 @@ from textual.binding import Binding, BindingType
 
 from app.measuring.doubts import TakenStep
 from app.measuring.gauges import Live, Motion
-from app.measuring.indicators import adapter_at, port_of, remember
+from app.measuring.indicators import remember
+from app.measuring.lost import LostIndicators
 from app.measuring.moving import Mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
@@ -30,7 +31,6 @@ from app.screens.pages import KeyLine, Resting, apart, is_left
 from app.screens.session_view import LegReviewScreen, MotionDialog, SessionView, port_dialog
 from calib.errors import GlidecalError
 from drivers.motion.states import State
-from drivers.profile import Fault, FaultKind, IndicatorReading
 from protocols.clock import SleepWatch
 from protocols.expectation import Movement
 from protocols.procedure import Step
@@ -50,9 +50,6 @@ ATTEND_S = 0.05
 
 AGES_S = 0.2
 """Ages and stale indicators are looked at so often."""
-
-PORTS_S = 1.0
-"""While an indicator is lost the serial ports are looked at so often."""
 
 HELD_KEY_S = 0.15
 """Presses that follow this closely are one held key."""
@@ -92,9 +89,7 @@ class MeasureScreen(Corrections, Resting):
         super().__init__(guided, plan)
         self.view = SessionView(plan.instruments)
         self.held = False
-        self._lost: dict[int, str | None] = {}
-        """Indicators without a value, and where their adapters were found."""
-        self._ports_at = 0.0
+        self.lost = LostIndicators(guided.gauges)
         self._waits: tuple[int, Movement] | None = None
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
         self._sleep = SleepWatch()
@@ -161,9 +156,8 @@ class MeasureScreen(Corrections, Resting):
             self.say(texts.slept_text(slept_s, self._goes_on))
         if not self.busy:  # a take holds the record, and looks itself
             self.write(self._look_at_clock)
-        if self._lost and now - self._ports_at > PORTS_S:
-            self._ports_at = now
-            self._look_for_ports()
+        if self.lost.is_due():
+            self._look_at_lost()
         if now - self._shown_at > AGES_S / 2:  # else news has just shown the ages
             self._show_live()
 
@@ -204,7 +198,6 @@ class MeasureScreen(Corrections, Resting):
             return
         self._shown_at = time.monotonic()
         states = self._draw_live()
-        self._tell_lost_and_found(states)
         asks = self._tell_motion()
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
         if asks or self.asking or self.held or self.busy or not self.guided.there:
@@ -222,72 +215,47 @@ class MeasureScreen(Corrections, Resting):
         step = self.guided.step()
         return [states[k] for k in step.indicators] if step else states
 
-    def _tell_lost_and_found(self, states: Sequence[Live]) -> None:
-        """One line when an indicator goes and when it comes back."""
-        for number, outcome in enumerate(live.outcome for live in states):
-            if isinstance(outcome, Fault) and number not in self._lost:
-                self._lost[number], self._anyway_until = None, 0.0
-                self._tell_lost(number, outcome)
-            elif isinstance(outcome, IndicatorReading) and number in self._lost:
-                del self._lost[number]
-                name = self.guided.name_of(number).capitalize()
-                self.say(f"{name} answers again. Continue with this step.")
-                self._look_who_answers(number)
-
-    def _tell_lost(self, number: int, fault: Fault) -> None:
-        gone = fault.kind is FaultKind.DISCONNECTED
-        where = self._lost[number]
-        self.say(questions.lost_text(self.guided.name_of(number), fault.words, where, gone=gone))
-
     @work
-    async def _look_who_answers(self, number: int) -> None:
-        """On hold where another adapter is at the port now: the names of two may be exchanged."""
-        gauge = self.guided.gauges[number]
-        adapter = await apart(self, adapter_at, gauge.port)
-        if gauge.adapter and adapter != gauge.adapter:
-            name = self.guided.name_of(number)
-            self._set_hold(True, f"{name}: adapter {adapter or 'unknown'}, before {gauge.adapter}")
-            self.say(questions.other_adapter_text(name, adapter, gauge.adapter))
-            gauge.adapter = adapter
+    async def _look_at_lost(self) -> None:
+        """One line when an indicator goes, comes back, or is at another port.
 
-    @work(exclusive=True, group="ports")
-    async def _look_for_ports(self) -> None:
-        """Whether the adapter of an indicator that is lost is at another port now."""
-        for number in tuple(self._lost):
-            gauge = self.guided.gauges[number]
-            where = await apart(self, port_of, gauge.adapter, gauge.port)
-            outcome = gauge.live().outcome
-            if where != self._lost.get(number, where) and isinstance(outcome, Fault):
-                self._lost[number] = where
-                self._tell_lost(number, outcome)
+        On hold where another adapter answers: the names of two may be exchanged.
+        """
+        for news in await apart(self, self.lost.look):
+            name = self.guided.name_of(news.number)
+            if news.fault:
+                self._anyway_until = 0.0
+            if news.adapters:
+                before, now = news.adapters
+                self._set_hold(True, f"{name}: adapter {now or 'unknown'}, before {before}")
+                self.say(questions.other_adapter_text(name, before, now))
+            else:
+                self.say(questions.lost_text(name, news))
 
     @work
     async def action_port(self) -> None:
+        """The first indicator that is lost is read at another port from here on."""
         if self.busy or self.asking:
             return
-        if not self._lost:
+        if not self.lost.ports:
             self.say(questions.NO_PORT_LOST)
             return
-        number = min(self._lost)
-        adapter = self.guided.gauges[number].adapter
-        used = [gauge.port for gauge in self.guided.gauges]
-        dialog = port_dialog(self.guided.name_of(number), adapter, used)
+        number, gauges = min(self.lost.ports), self.guided.gauges
+        name, used = self.guided.name_of(number), [gauge.port for gauge in gauges]
+        dialog = port_dialog(name, gauges[number].adapter, used)
         if dialog is None:
             self.say(questions.NO_OTHER_PORT)
         elif (port := await self.ask(dialog)) is not None:
-            await self._go_on_at(number, port)
-
-    async def _go_on_at(self, number: int, port: str) -> None:
-        try:
-            await apart(self, self.guided.go_on_at, number, port)
-        except GlidecalError as problem:
-            self.say(f"FAULT: {problem}")
-            return
-        self.view.rename(number, port)
-        self._show_step()
-        with suppress(GlidecalError):  # a proposal for the next time
-            await apart(self, remember, self.plan.machine.name, self.view.instruments)
-        self.say(f"{self.guided.name_of(number).capitalize()} is read from here on.")
+            try:
+                await apart(self, self.guided.go_on_at, number, port)
+            except GlidecalError as problem:
+                self.say(f"FAULT: {problem}")
+                return
+            instruments = self.view.rename(number, port)
+            self._show_step()
+            with suppress(GlidecalError):  # a proposal for the next time
+                await apart(self, remember, self.plan.machine.name, instruments)
+            self.say(f"{self.guided.name_of(number).capitalize()} is read from here on.")
 
     def _tell_motion(self) -> bool:
         """One line when a machine that moves itself does something else; a stop is a hold.
@@ -378,7 +346,6 @@ class MeasureScreen(Corrections, Resting):
             self.refused(texts.not_taken_text(step_taken.faults))
             return
         self.app.bell()
-        self.app.clear_notifications()
         self.say(texts.taken_text(step_taken))
         if step_taken.doubt:
             self._by_hand()
@@ -392,21 +359,14 @@ class MeasureScreen(Corrections, Resting):
             await self._go_on(step_taken.step)
 
     async def _answered(self, answer: str, step_taken: TakenStep) -> None:
-        """What the operator says to readings in question; only "keep" lets them count."""
-        guided, reason = self.guided, questions.answer_reason(answer, step_taken)
+        reason = questions.answer_reason(answer, step_taken)
         unsure: list[int] = []  # steps that are measured again for a new zero
-        if answer == "keep":
-            if self.write(partial(guided.keep, step_taken, reason)):
-                self.say(questions.answered_text(answer, step_taken))
-                await self._go_on(step_taken.step)
+        if not self.write(lambda: unsure.extend(self.guided.answer(answer, step_taken, reason))):
             return
-        self.write(partial(guided.note, f"step {step_taken.step.number}: {reason}"))
-        if answer == "stand":
-            self.write(lambda: unsure.extend(guided.remount_since(reason)))
-        elif answer == "earlier":
-            self.write(partial(guided.measure_earlier, step_taken, reason))
         self.say(questions.answered_text(answer, step_taken, unsure))
-        if answer == "read":  # without moving: what is stable stays so
+        if answer == "keep":
+            await self._go_on(step_taken.step)
+        elif answer == "read":  # without moving: what is stable stays so
             self._show_step()
         else:
             self.proceed()
@@ -423,12 +383,11 @@ class MeasureScreen(Corrections, Resting):
         self.proceed()
 
     def refused(self, text: str) -> None:
-        self.busy = False
         self._by_hand()
-        self.say(text)
+        super().refused(text)
         self._show_step()
 
-    def say(self, text: str) -> None:
+    def say(self, text: str, *, wrong: bool = False) -> None:
         self.view.say(self.app.keyed(text))
 
     @property

@@ -10,32 +10,18 @@ from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.screen import Screen, ScreenResultType
+from textual.screen import ScreenResultType
 from textual.widget import Widget
 from textual.widgets import OptionList, Static, TabbedContent, TabPane, Tabs
 
 from app.report.charts.charts import Chart
 from app.report.text.home import ONLY_SHOWN, REPORTS_SERVED
-from app.screens.fast_keys import LeftOnce
-from app.screens.interface import Interface
-from app.screens.pages import apart, last_lines, signalled
-from app.screens.plot import ChartPlot
+from app.screens.interface import MainScreen
+from app.screens.pages import apart, signalled
+from app.screens.plot import ChartPlot, LegPlots
 from calib.errors import GlidecalError
 
 Answer = TypeVar("Answer")
-
-PAGE_KEYS: tuple[BindingType, ...] = (
-    *(
-        Binding(f"{n}", f"turn_to({n})", f"Page {n}", show=False, id=f"page.{n}")
-        for n in range(1, 10)
-    ),
-    Binding("tab,right", "turn(1)", "Next page", show=False, id="page.next"),
-    Binding("shift+tab,left", "turn(-1)", "Page before", show=False, id="page.before"),
-    Binding("y", "copy", "Copy", show=False, id="page.copy"),
-    Binding("escape", "back", "Back", id="page.back"),
-    Binding("f10", "app.quit", "Quit", id="page.quit"),
-)
-"""What every screen of pages has; last among its keys, as the footer shows them."""
 
 
 @dataclass(frozen=True)
@@ -69,31 +55,41 @@ class Page:
             yield VerticalScroll(text)
 
 
-class PagedScreen(LeftOnce[ScreenResultType]):
+class PagedScreen(MainScreen[ScreenResultType]):
     """A line that says what is shown, its pages, and below them what happened last."""
 
-    app: Interface
+    BINDINGS: ClassVar[list[BindingType]] = [
+        *(
+            Binding(f"{n}", f"turn_to({n})", f"Page {n}", show=False, id=f"page.{n}")
+            for n in range(1, 10)
+        ),
+        Binding("tab,right", "turn(1)", "Next page", show=False, id="page.next"),
+        Binding("shift+tab,left", "turn(-1)", "Page before", show=False, id="page.before"),
+        Binding("y", "copy", "Copy", show=False, id="page.copy"),
+        Binding("escape", "back", "Back", id="page.back"),
+    ]
     AUTO_FOCUS = ""  # else a page without a text is left for the first where a dialog ends
     PAGES: ClassVar[tuple[Page, ...]] = ()
     WRITES: ClassVar[tuple[str, ...]] = ()
     """Actions that are not for those who only look."""
+    NEEDS: ClassVar[tuple[str, ...]] = ()
+    """Actions that are for what is worked out; `LOOKING` is said meanwhile, `NOTHING` in vain."""
+    LOOKING = NOTHING = ""
     first = ""
     """The page that is shown first, where it is not the leftmost."""
-    looking = False
-    """Whether what the pages show is still worked out."""
+    looking = looked = False
+    """Whether what the pages show is still worked out, and whether it could be."""
 
     def __init__(self) -> None:
         super().__init__()
         self.pages: tuple[Page, ...] = self.PAGES
 
-    def compose(self) -> ComposeResult:
-        yield Static("", id="heading", markup=False)
+    def content(self) -> ComposeResult:
         yield from self.above()
         with TabbedContent(initial=self.first):
             for number, page in enumerate(self.pages, start=1):
                 with TabPane(f"{number} {page.title}", id=page.name):
                     yield from page.compose()
-        yield from last_lines()
 
     def above(self) -> ComposeResult:
         """What stands above every page."""
@@ -135,13 +131,13 @@ class PagedScreen(LeftOnce[ScreenResultType]):
             self.looking = False
             self.wait(problem_text(problem))
         else:
-            self.looking = False
+            self.looking, self.looked = False, True
             show(outcome)
             self.refresh_bindings()
 
     def begin_to_look(self, heading: str, words: str) -> None:
         """Say on every page that it is worked out."""
-        self.looking = True
+        self.looking, self.looked = True, False
         self.head(heading)
         self.wait(words)
         self.refresh_bindings()
@@ -153,22 +149,12 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         for plot in self.query(ChartPlot):
             plot.display = False
 
-    async def ask(self, dialog: Screen[Answer]) -> Answer | None:
-        """For workers of the screen: an answer; none where another question came before."""
-        if not self.is_current:
-            return None
-        waiting = self.app.push_screen_wait(dialog)
-        return await waiting
-
     def why_not(self, action: str) -> str:
-        """Why an action cannot be done now; empty where it can."""
-        if not (self.app.read_only and action in self.WRITES):
+        if self.app.read_only and action in self.WRITES:
+            return f"{ONLY_SHOWN} {REPORTS_SERVED}" if action == "report" else ONLY_SHOWN
+        if self.looked or action not in self.NEEDS:
             return ""
-        return f"{ONLY_SHOWN} {REPORTS_SERVED}" if action == "report" else ONLY_SHOWN
-
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """What cannot be done is not offered; its key says why."""
-        return not self.why_not(action)
+        return self.LOOKING if self.looking else self.NOTHING
 
     def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
         """Up and down scroll the text of the page that is shown, or move in its list."""
@@ -184,7 +170,13 @@ class PagedScreen(LeftOnce[ScreenResultType]):
         if not texts:
             charts = (part for part in page.query(ChartPlot) if part.region.area)
             texts = [str(chart.render()).rstrip() for chart in charts]
-        self.app.copy("\n\n".join(texts))
+        above = [str(part.content) for part in self.query(".above").results(Static)]
+        self.app.copy("\n\n".join([*above, *texts]))
+
+    def action_figure(self, page: str, by: int) -> None:
+        """The next figure of a page, or the one before."""
+        self.action_show_page(page)
+        self.query_one(LegPlots).turn(by)
 
     def action_show_page(self, name: str) -> None:
         self.query_one(TabbedContent).active = name

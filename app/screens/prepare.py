@@ -13,7 +13,6 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.content import Content
 from textual.events import ScreenResume
-from textual.screen import Screen
 from textual.widget import Widget
 from textual.widgets import Input, Label, Select, Static
 
@@ -29,9 +28,8 @@ from app.report.text import home as texts
 from app.report.text.indicator import findings_text, trial_text
 from app.report.text.preparing import procedure_sentence
 from app.screens.check import CheckScreen, DryRunScreen
-from app.screens.fast_keys import LeftOnce
-from app.screens.interface import Interface
-from app.screens.pages import apart, last_lines
+from app.screens.interface import MainScreen
+from app.screens.pages import apart
 from calib.errors import GlidecalError, IndicatorError
 from drivers.doctor import Trials, findings_of, refused, try_profiles
 from drivers.profile import Evidence, Query, Unit
@@ -40,30 +38,27 @@ from protocols.documents import MOST_LETTERS
 from protocols.machine import Machine
 
 
-class IndicatorScreen(LeftOnce[Form]):
+class IndicatorScreen(MainScreen[Form]):
     """A form that keeps what was typed however it is left; no port is opened unasked."""
 
-    app: Interface
     HELP = texts.INDICATOR_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f3", "try_profiles", "Try profiles on this port", id="indicator.try"),
         Binding("f5", "leave", "Done", id="indicator.done"),
         Binding("escape", "leave", "Back", id="indicator.back"),
-        Binding("f10", "app.quit", "Quit", id="indicator.quit"),
     ]
 
     def __init__(self, which: str, form: Mapping[str, object], answered: dict[str, str]) -> None:
         super().__init__()
-        self._which, self._form = which, dict(form)
+        self.heading, self._form = which, dict(form)
         self._answered = answered  # which profiles fit at a port, as long as the program runs
         self._stop: Event | None = None
 
-    def compose(self) -> ComposeResult:
+    def content(self) -> ComposeResult:
         values = USUAL | self._form
         along = dict.fromkeys([*AXES, str(values["axes"])])
         here = [(texts.port_label(*entry, self._answered), entry[0]) for entry in serial_ports()]
         profiles = texts.profile_rows(PROFILES.values())
-        yield Static(self._which, id="heading", markup=False)
         with VerticalScroll(id="form"):
             yield from row("Ports here", choice("here", here, prompt=texts.ports_here(len(here))))
             yield from self._input("port")
@@ -76,7 +71,6 @@ class IndicatorScreen(LeftOnce[Form]):
             for name in ("channel", "serial_number", "certificate", "certificate_date"):
                 yield from self._input(name)
             yield Static(self.app.keyed(texts.TRY_HINT), id="summary", markup=False)
-        yield from last_lines()
 
     def _input(self, name: str) -> ComposeResult:
         yield from entry(name, *texts.INDICATOR_FIELDS[name], str(self._form.get(name, "")))
@@ -209,11 +203,11 @@ class IndicatorField(Static, can_focus=True):
             self.screen.action_choose()
 
 
-class PrepareScreen(Screen[None]):
+class PrepareScreen(MainScreen[None]):
     """A form; F5 goes on to the instrument check. What was typed stays, however it is left."""
 
-    app: Interface
     HELP = texts.PREPARE_HELP
+    heading = "New session"
     AUTO_FOCUS = "#indicator1"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "choose", "Choose", id="prepare.choose"),
@@ -221,7 +215,6 @@ class PrepareScreen(Screen[None]):
         Binding("f5", "check", "Check the indicators", id="prepare.check"),
         Binding("f2", "dry_run", "Dry run", id="prepare.dry-run"),
         Binding("escape", "app.pop_screen", "Back", id="prepare.back"),
-        Binding("f10", "app.quit", "Quit", id="prepare.quit"),
     ]
 
     def __init__(self) -> None:
@@ -231,8 +224,7 @@ class PrepareScreen(Screen[None]):
         self._usual = self._offered_for.usual_procedure
         self._answered: dict[str, str] = {}
 
-    def compose(self) -> ComposeResult:
-        yield Static("New session", id="heading", markup=False)
+    def content(self) -> ComposeResult:
         with VerticalScroll(id="form"):
             for field in (texts.MACHINE, *texts.IDENTITY):
                 yield from entry(*field)
@@ -242,7 +234,6 @@ class PrepareScreen(Screen[None]):
             for field in texts.FIELDS:
                 yield from entry(*field)
             yield Static("", id="summary", markup=False)
-        yield from last_lines()
 
     def on_mount(self) -> None:
         for name, words in texts.FIELD_HELP.items():
@@ -329,12 +320,7 @@ class PrepareScreen(Screen[None]):
 
     def action_dry_run(self) -> None:
         with self.app.complaining():
-            prepared = self._read()
-            machine = prepared.machine()
-            procedure = prepared.procedure(machine)
-            instruments = prepared.some_instruments(procedure)
-            moved_by = prepared.typed["motion"]
-            self.app.push_screen(DryRunScreen(procedure, machine, instruments, moved_by))
+            self.app.push_screen(DryRunScreen(self._read().rehearsal()))
 
 
 def _procedures(machine: Machine) -> list[tuple[str, str]]:

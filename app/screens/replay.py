@@ -10,14 +10,13 @@ from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.events import Resize
-from textual.screen import Screen
 from textual.widgets import Log
 
 from app.evaluating.solution import solve_files
 from app.measuring.playback import Playback
 from app.report.text import replay as texts
 from app.report.text.session import TakenBy
-from app.screens.interface import Interface, TextDialog
+from app.screens.interface import MainScreen, TextDialog
 from app.screens.pages import apart, last_lines
 from app.screens.session_view import SessionView
 from calib.errors import GlidecalError
@@ -28,13 +27,12 @@ LAST = 1_000_000_000
 """Frame to go to; there are never so many."""
 
 
-class ReplayScreen(Screen[None]):
+class ReplayScreen(MainScreen[None]):
     """One record, played or moved through by hand.
 
     Raises RecordError or UsageError where the file cannot be used.
     """
 
-    app: Interface
     HELP = texts.REPLAY_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "playback('toggle')", "Play", id="replay.play"),
@@ -53,7 +51,6 @@ class ReplayScreen(Screen[None]):
         Binding("l", "result", "Result", id="replay.result"),
         Binding("y", "copy", "Copy", show=False, id="replay.copy"),
         Binding("escape", "back", "Back", id="replay.leave"),
-        Binding("f10", "app.quit", "Quit", id="replay.quit"),
     ]
 
     def __init__(self, path: Path) -> None:
@@ -131,7 +128,7 @@ class ReplayScreen(Screen[None]):
         self._pause()
         question = texts.JUMP_QUESTION.format(self.playback.unit)
         dialog = TextDialog(question, f"1 … {len(self.playback.steps)}")
-        if self.is_current and (text := await self.app.push_screen_wait(dialog)):
+        if text := await self.ask(dialog):
             try:
                 self.playback.jump_to(text)
             except GlidecalError as problem:
@@ -158,9 +155,7 @@ class ReplayScreen(Screen[None]):
             self.app.push_screen(picture)
 
     def action_copy(self) -> None:
-        lines = texts.reading_lines(self.playback.session)
-        self.app.copy_to_clipboard("\n".join(lines) + "\n")
-        self.view.say(texts.COPIED.format(len(lines)))
+        self.app.copy("\n".join(texts.reading_lines(self.playback.session)))
 
     def action_back(self) -> None:
         """The picture again instead of the list, then the screen before, or home."""

@@ -24,7 +24,7 @@ from app.report.text import what_if as what_if_texts
 from app.report.text.correction import SUBSET_WORDS
 from app.report.text.glance import Done, glance_text
 from app.screens.interface import ChoiceDialog
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, is_left
 from app.screens.plot import LegPlots
 from app.screens.what_if import tried
@@ -43,14 +43,12 @@ class ResultScreen(PagedScreen[None]):
         Binding("v", "verify", "Verify", id="result.verify"),
         Binding("r", "report", "Report", id="result.report"),
         Binding("s", "choose", "Set", show=False, id="result.set"),
-        Binding("plus", "leg(1)", "Next leg", show=False, id="result.next_leg"),
-        Binding("minus", "leg(-1)", "Leg before", show=False, id="result.leg_before"),
+        Binding("plus", "figure('legs', 1)", "Next leg", show=False, id="result.next_leg"),
+        Binding("minus", "figure('legs', -1)", "Leg before", show=False, id="result.leg_before"),
         Binding("d", "diagnose", "Diagnose", id="result.diagnose"),
         Binding("w", "what_if", "What if", id="result.what_if"),
-        Binding("h", "home", "Home", show=False, id="result.home"),
-        *PAGE_KEYS,
     ]
-    WRITES = ("export", "report", "verify", "home")
+    WRITES = ("export", "report", "verify")
     PAGES = (
         Page("result", "Result", charts=1, beside=True),
         Page("details", "Details"),
@@ -71,42 +69,29 @@ class ResultScreen(PagedScreen[None]):
             self.pages = (*self.PAGES, COMPARISON)
         self.done: set[Done] = set()
 
-    def begin(self) -> None:
-        """Say which session this is; the comparison is there at once, on its page."""
+    @work
+    async def begin(self) -> None:
+        """The comparison is there at once; the rest is worked out apart, once for all keys."""
         self.head(texts.result_heading(self.solved, self.path, self.model))
         if self.before is not None:
             pair = self.before.solution, self.solved.solution
             self.put("before-after", texts.comparison_text(*pair), before_and_after(*pair))
-        self._work_out()
-
-    @work(exclusive=True)
-    async def _work_out(self) -> None:
-        """What takes long is worked out apart, once for all that the keys show."""
         if not self.solved.is_worked_out:
             self.put("result", texts.WORKING_OUT)
             with self.app.complaining():
                 await apart(self, self.solved.work_out)
         self._show()
-        self._show_legs()
 
-    @work(group="legs", exclusive=True)
-    async def _show_legs(self) -> None:
-        figures = await apart(self, leg_figures, self.solved)
-        self.query_one(LegPlots).show(figures)
-
-    def action_leg(self, by: int) -> None:
-        self.action_show_page("legs")
-        self.query_one(LegPlots).turn(by)
-
-    def _show(self) -> None:
-        if not self.solved.is_worked_out:  # shown when it is
-            return
-        self._show_glance()
-        self.refresh_bindings()
-        chart = measured_and_predicted(self.solved.solution)
-        self.put("details", texts.solution_text(self.solved))
-        self.put("result", None, chart)
-        self.put("plot", None, chart)
+    @work(group="show", exclusive=True)
+    async def _show(self) -> None:
+        if self.solved.is_worked_out:  # else it is shown when it is
+            self._show_glance()
+            self.refresh_bindings()
+            chart = measured_and_predicted(self.solved.solution)
+            self.put("details", texts.solution_text(self.solved))
+            self.put("result", None, chart)
+            self.put("plot", None, chart)
+        self.query_one(LegPlots).show(await apart(self, leg_figures, self.solved))
 
     def _show_glance(self) -> None:
         if self.solved.is_worked_out:
@@ -199,14 +184,10 @@ class ResultScreen(PagedScreen[None]):
             self.app.notify(what_if_texts.RESIZED.format(self.model))
             self.solved = solved
             self._show()
-            self._show_legs()
 
     def action_diagnose(self) -> None:
         self._did(Done.DIAGNOSED)
         self.app.push_screen(self.app.diagnosis([self.path]))
-
-    def action_home(self) -> None:
-        self.app.go_to(self.app.home())
 
 
 def result_of(

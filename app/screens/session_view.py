@@ -255,16 +255,13 @@ class SessionView(Vertical, Resting):
             return None
         return SetUpScreen(session, step, self._instruments)
 
-    @property
-    def instruments(self) -> tuple[Instrument, ...]:
-        return tuple(filter(None, self._instruments))
-
-    def rename(self, number: int, port: str) -> None:
+    def rename(self, number: int, port: str) -> tuple[Instrument, ...]:
+        """An indicator is at another port now. Returns all of them."""
         names = list(self._instruments)
-        name = names[number]
-        names[number] = name and name.model_copy(update={"port": port})
+        names[number] = (name := names[number]) and name.model_copy(update={"port": port})
         self._instruments = tuple(names)
         self._gauges.name_them(self._instruments)
+        return tuple(filter(None, self._instruments))
 
     def say(self, text: str) -> None:
         """What happened last, in one line; only a longer text moves what stands below it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Generic, TypeVar
 
 from textual import work
 from textual.app import ComposeResult
@@ -21,11 +21,12 @@ from app.report.charts.results import predictions_with, residuals_with
 from app.report.text import what_if as texts
 from app.report.text.home import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog
-from app.screens.paged import PAGE_KEYS, Page, PagedScreen
+from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, signalled
 from app.screens.plot import ChartPlot
-from calib.errors import GlidecalError, NotIdentifiable
-from calib.identify.solution import FittedSize, Subset
+from calib.errors import GlidecalError
+from calib.identify.solution import Subset
+from calib.quantity import Sizes
 from protocols.effect_entries import EffectEntry
 from protocols.model_file import read_model_file
 from protocols.session import Session
@@ -45,63 +46,124 @@ SIZE_KEYS: tuple[BindingType, ...] = (
 )
 
 
-class Movable(Protocol):
-    """What knows how far a key moves a size."""
-
-    def moved(self, values: Sequence[float], number: int, steps: int) -> tuple[float, ...]: ...
+Outcome = TypeVar("Outcome")
+"""What sizes do."""
 
 
-class SizesScreen(PagedScreen[ScreenResultType]):
+class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outcome]):
     """Sizes that keys move, words on what they do above the pages."""
 
-    trial: Movable
+    NEEDS = ("copy",)
+    LOOKING = NOTHING = texts.NOT_YET
+    sizes: Sizes | None = None
+    """How they can be moved; None until that is worked out."""
     values: tuple[float, ...] = ()
     number = 0
     """Which of several sizes is moved."""
-    known = False
-    """Whether what sizes do is worked out so far that they can be moved."""
+    now: Outcome | None = None
     looking = True
 
+    def __init__(self, heading: str, doubt: str = "") -> None:
+        super().__init__()
+        self._heading, self._doubt = heading, doubt
+        self._why_not = self._figures = ""
+        self._worked_out: tuple[float, ...] | None = None
+        self._following = False
+
     def above(self) -> ComposeResult:
-        yield Static(texts.WORKING, id="what-if", markup=False)
+        yield Static(texts.WORKING, id="what-if", classes="above", markup=False)
 
     def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
         """Up and down are for sizes."""
         self.set_focus(None)
 
     @abstractmethod
-    def move_to(self, values: Sequence[float]) -> None:
-        """Show these sizes and what they do."""
+    def begun(self) -> Sizes:
+        """Work out what is needed once: the parameters, the sizes that fit, how far steps go."""
 
     @abstractmethod
-    def show_words(self) -> None:
-        """Above the pages."""
+    def outcome(self, values: tuple[float, ...]) -> Outcome:
+        """Work out what these sizes do."""
 
-    def put_words(self, *parts: str) -> None:
-        words = self.app.keyed("\n".join(filter(None, parts)))
-        self.query_one("#what-if", Static).update(signalled(words))
+    @abstractmethod
+    def show(self, outcome: Outcome) -> str:
+        """Show it on the pages. Returns words on it."""
+
+    def begin(self) -> None:
+        self.head(self._heading)
+        self.look(self.begun, self._begin)
+
+    def _begin(self, sizes: Sizes) -> None:
+        self.sizes, self._why_not = sizes, sizes.why_not
+        self.move_to(sizes.first)
+
+    def wait(self, text: str) -> None:
+        """Above the pages, which are charts."""
+        self.query_one("#what-if", Static).update(signalled(text))
+
+    @property
+    def ready(self) -> bool:
+        """Whether what is shown is of the size shown."""
+        return self._worked_out == self.values
+
+    def move_to(self, values: Sequence[float]) -> None:
+        self.values = tuple(values)
+        self.show_words()
+        self._follow()
+
+    @work
+    async def _follow(self) -> None:
+        """Work out the latest size; sizes that came and went meanwhile are left out."""
+        if self._following:
+            return
+        self._following = self.looking = True
+        while not self.ready:
+            values = self.values
+            try:
+                self.now = await apart(self, self.outcome, values)
+            except GlidecalError as problem:
+                if values == self.values:
+                    self._why_not = str(problem)
+                    break
+            else:
+                self._worked_out, self._figures = values, self.show(self.now)
+        self._following = self.looking = False
+        self.show_words()
+
+    def show_words(self) -> None:
+        if self.sizes is not None:
+            table = texts.sizes_text(self.sizes, self.values, self.number, self._why_not)
+            words = "\n".join(filter(None, [table, self._figures, self._doubt]))
+            self.wait(self.app.keyed(words))
 
     def follow(self, name: str, chart: Chart) -> None:
         self.query_one(f"#{name}-chart0", ChartPlot).follow(chart)
 
     def action_move(self, steps: int) -> None:
-        if self.known:
-            self.move_to(self.trial.moved(self.values, self.number, steps))
+        if self.sizes is not None:
+            self.move_to(self.sizes.moved(self.values, self.number, steps))
 
     def action_choose(self, by: int) -> None:
-        if self.known:
+        if self.sizes is not None:
             self.number = (self.number + by) % len(self.values)
             self.show_words()
 
     def action_nothing(self) -> None:
-        if self.known:
+        if self.sizes is not None:
             self.move_to([0.0] * len(self.values))
+
+    def action_best(self) -> None:
+        """The sizes that fit best; where the readings do not tell them, why."""
+        if self.sizes is not None and self.sizes.best:
+            self.move_to(self.sizes.best)
+        else:
+            self.app.complain(self._why_not or texts.NOT_YET)
 
     def action_back(self) -> None:
         self.dismiss(None)
 
 
-class WhatIfScreen(SizesScreen[EffectEntry | None]):
+class WhatIfScreen(SizesScreen[EffectEntry | None, WhatIf]):
     """One effect beside the parameters; dismissed with the size that a person adopts."""
 
     HELP = texts.WHAT_IF_HELP
@@ -110,7 +172,6 @@ class WhatIfScreen(SizesScreen[EffectEntry | None]):
         Binding("enter", "adopt", "Adopt", id="what_if.adopt"),
         Binding("pagedown", "scroll(1)", "Down", show=False, id="what_if.down"),
         Binding("pageup", "scroll(-1)", "Up", show=False, id="what_if.up"),
-        *PAGE_KEYS,
     ]
     PAGES = (
         Page("left", "What is left", charts=1, text=False),
@@ -121,92 +182,23 @@ class WhatIfScreen(SizesScreen[EffectEntry | None]):
     def __init__(
         self, choice: Choice, trial: Trial, *, model: Path | None = None, mistakes: bool = False
     ) -> None:
-        super().__init__()
-        self.choice = choice
-        self.trial: Trial = trial
-        self.values = trial.values
-        self.now: WhatIf | None = None
-        self.fitted: tuple[FittedSize, ...] = ()
-        self._heading = texts.heading_text(choice, trial, model)
-        self._doubt = texts.doubt_text(choice, mistakes=mistakes)
-        self._why_not = self._figures = ""
-        self._at_best = self._following = False
+        doubt = texts.doubt_text(choice, mistakes=mistakes)
+        super().__init__(texts.heading_text(choice, trial, model), doubt)
+        self.choice, self.trial = choice, trial
 
-    @work
-    async def begin(self) -> None:
-        """Work out what is needed once: the parameters, the size that fits, how far steps go."""
-        self.head(self._heading)
-        fitted: tuple[FittedSize, ...] = ()
-        why_not = ""
-        try:
-            trial = await apart(self, self.trial.usual)
-            try:
-                fitted = await apart(self, lambda: trial.fitted)
-            except NotIdentifiable as problem:
-                why_not = str(problem)
-            await apart(self, trial.begin)
-        except GlidecalError as problem:
-            self.looking = False
-            self.query_one("#what-if", Static).update(str(problem))
-            return
-        # all at once: keys that come before find nothing, and say so
-        self.trial, self.fitted, self._why_not = trial, fitted, why_not
-        self.known, self.values = True, trial.values
-        if self.fitted:
-            self.action_best()
-        else:
-            self.move_to(self.values)
+    def begun(self) -> Sizes:
+        self.trial = self.trial.begin()
+        return self.trial.sizes
 
-    @property
-    def ready(self) -> bool:
-        """Whether what is shown is of the size shown."""
-        return self.now is not None and self.now.values == self.values
+    def outcome(self, values: tuple[float, ...]) -> WhatIf:
+        return self.trial.at(values).work_out()
 
-    def move_to(self, values: Sequence[float], *, best: bool = False) -> None:
-        self.values, self._at_best = tuple(values), best
-        self.show_words()
-        self._follow()
-
-    @work
-    async def _follow(self) -> None:
-        """Work out the latest size; sizes that came and went meanwhile are left out."""
-        if self._following:
-            return
-        self._following = True
-        while not self.ready:
-            outcome = self.trial.at(self.values)
-            try:
-                await apart(self, outcome.work_out)
-            except GlidecalError as problem:
-                if outcome.values == self.values:
-                    self._why_not = str(problem)
-                    self.show_words()
-                    break
-            else:
-                self.now = outcome
-                self._show(self.trial.without, outcome)
-            finally:
-                self.looking = False
-        self._following = False
-
-    def show_words(self) -> None:
-        if self.ready and self.now is not None:
-            self._figures = texts.effect_text(self.trial.without, self.now)
-        sizes = texts.sizes_text(self.trial, self.values, self.number, self.fitted, self._why_not)
-        self.put_words(sizes, self._figures, self._doubt)
-
-    def _show(self, without: WhatIf, now: WhatIf) -> None:
-        self.show_words()
-        self.follow("left", residuals_with(without.solution, now.solution))
-        self.follow("predicted", predictions_with(without.solution, now.solution))
-        self.put("numbers", texts.numbers_text(without, now))
-
-    def action_best(self) -> None:
-        """The sizes that fit best; where the readings do not tell them, why."""
-        if self.fitted:
-            self.move_to([size.value for size in self.fitted], best=True)
-        else:
-            self.app.complain(self._why_not or texts.NOT_YET)
+    def show(self, outcome: WhatIf) -> str:
+        without = self.trial.without
+        self.follow("left", residuals_with(without.solution, outcome.solution))
+        self.follow("predicted", predictions_with(without.solution, outcome.solution))
+        self.put("numbers", texts.numbers_text(without, outcome))
+        return texts.effect_text(without, outcome)
 
     def action_adopt(self) -> None:
         """As shown; what fits best is not held."""
@@ -218,21 +210,12 @@ class WhatIfScreen(SizesScreen[EffectEntry | None]):
         elif not any(self.values):
             self.app.complain(self.app.keyed(texts.NOTHING))
         else:
-            self.dismiss(entry.freed() if self._at_best else entry.held_at(self.values))
+            at_best = self.sizes is not None and self.values == self.sizes.best
+            self.dismiss(entry.freed() if at_best else entry.held_at(self.values))
 
     def action_scroll(self, pages: int) -> None:
         page = self.query_one(VerticalScroll)
         page.scroll_relative(y=pages * page.scrollable_content_region.height)
-
-    def action_copy(self) -> None:
-        if self.ready:
-            parts = (self.query_one(f"#{name}", Static) for name in COPIED)
-            self.app.copy("\n\n".join(str(part.content) for part in parts))
-        else:
-            self.app.complain(texts.NOT_YET)
-
-
-COPIED = ("heading", "what-if", "numbers-text")
 
 
 async def tried(

@@ -16,7 +16,7 @@ from calib.diagnosis.hexaslide_causes import HexaSlideCause
 from calib.diagnosis.hexaslide_correction import moved_by, over_all
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.platform import Places
-from calib.quantity import round_step
+from calib.quantity import Sizes, round_step
 from calib.stats import variance_ratio_p_value
 
 FAR = 100.0
@@ -82,10 +82,24 @@ class PostureTrial:
         return PostureTrial(cause, models, columns, alone, misled, best, deviations)
 
     @property
-    def steps(self) -> tuple[float, ...]:
-        """Round steps no larger than the standard uncertainty of each size."""
-        sizes = self.deviations or (0.1 * self.cause.size,) * len(self.cause.names)
-        return tuple(map(round_step, sizes))
+    def sizes(self) -> Sizes:
+        """How they can be moved: by steps no larger than the standard uncertainty of each."""
+        names, size, imitated = self.cause.names, self.cause.size, ""
+        if not self.best:
+            imitated = "The parameters can imitate it: the readings do not show its size."
+        first = self.best or (0.0,) * len(names)
+        far = tuple(max(FAR * size, 4.0 * abs(best)) for best in first)
+        return Sizes(
+            names=names,
+            units=(self.cause.unit,) * len(names),
+            first=first,
+            steps=tuple(map(round_step, self.deviations or (0.1 * size,) * len(names))),
+            least=tuple(-most for most in far),
+            largest=far,
+            best=self.best,
+            deviations=self.deviations,
+            why_not=imitated,
+        )
 
     def at(self, values: Sequence[float]) -> CauseAtSize:
         """With these sizes ``(r,)``, in the unit of the cause."""
@@ -102,11 +116,3 @@ class PostureTrial:
         p_value = variance_ratio_p_value(ratio, spare, np.inf)
         root = np.asarray(np.sqrt(by_posture))
         return CauseAtSize(tuple(values), root, ratio**0.5, p_value, alone, misled)
-
-    def moved(self, values: Sequence[float], number: int, steps: int) -> tuple[float, ...]:
-        """The sizes with one moved by so many of its steps, onto a multiple of them, in bounds."""
-        step = self.steps[number]
-        far = max(FAR * self.cause.size, 4.0 * abs(self.best[number]) if self.best else 0.0)
-        size = step * (round(values[number] / step) + steps)
-        size = float(f"{max(-far, min(far, size)):.6g}")
-        return (*values[:number], size, *values[number + 1 :])

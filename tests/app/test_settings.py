@@ -107,7 +107,7 @@ def test_the_command_lists_file_values_and_every_key(file: Path) -> None:
     assert "animations  off" in run.out
     (row,) = (line for line in run.out.splitlines() if line.strip().startswith("measure.take "))
     assert row.split() == ["measure.take", "space", "space,f2", "Take"]
-    for key_id in ("home.quit", "check.begin", "prepare.dry-run", "page.copy", "replay.play"):
+    for key_id in ("app.quit", "check.begin", "prepare.dry-run", "page.copy", "replay.play"):
         assert key_id in run.out
 
 

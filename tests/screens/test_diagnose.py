@@ -67,7 +67,7 @@ async def test_a_session_that_cannot_be_diagnosed(samples: Path) -> None:
             assert text(interface, f"#{page}-text") == verdict(interface)
         assert not screen.query_one("#change-chart0").display
         for key in "any":
-            interface.clear_notifications()
+            interface.notify("")
             await pilot.press(key)
             await pilot.pause()
             assert said(interface).count("There is no diagnosis") == 1

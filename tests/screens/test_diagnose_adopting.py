@@ -235,7 +235,7 @@ async def test_where_nothing_may_be_written(doubtful: Path) -> None:
         await diagnosed(pilot, interface)
         assert not offered(interface) & {"a", "n"}
         for key in "an":
-            interface.clear_notifications()
+            interface.notify("")
             await pilot.press(key)
             await pilot.pause()
             assert said(interface).count("This program only shows") == 1

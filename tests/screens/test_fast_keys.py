@@ -15,7 +15,6 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 
 from app.screens.diagnose import DiagnoseScreen
-from app.screens.fast_keys import Palette
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.replay import ReplayScreen
@@ -97,7 +96,7 @@ async def test_page_keys_before_a_list_is_laid_out(folder: Path) -> None:
         await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
         for _ in range(3):
             await struck(pilot, interface, "ctrl+p", "down", "pagedown", "pageup", "pagedown")
-            await until(pilot, "palette", lambda: isinstance(interface.screen, Palette))
+            await until(pilot, "palette", lambda: isinstance(interface.screen, ChoiceDialog))
             await struck(pilot, interface, "escape", "pagedown", "pageup")
             await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
         assert interface.is_running
@@ -126,12 +125,12 @@ async def test_one_palette_at_a_time(folder: Path) -> None:
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "replay", lambda: isinstance(interface.screen, ReplayScreen))
         await struck(pilot, interface, *["ctrl+p"] * 3)
-        await until(pilot, "palette", lambda: isinstance(interface.screen, Palette))
+        await until(pilot, "palette", lambda: isinstance(interface.screen, ChoiceDialog))
         await interface.push_screen(HelpDialog("over it"))
         await struck(pilot, interface, "ctrl+p")
-        palettes = [screen for screen in interface.screen_stack if isinstance(screen, Palette)]
+        palettes = [screen for screen in interface.screen_stack if isinstance(screen, ChoiceDialog)]
         assert len(palettes) == 1
         await struck(pilot, interface, "escape", "escape", "ctrl+p", "escape")
         await pilot.pause(0.2)
         await pilot.press("ctrl+p")
-        await until(pilot, "palette", lambda: isinstance(interface.screen, Palette))
+        await until(pilot, "palette", lambda: isinstance(interface.screen, ChoiceDialog))

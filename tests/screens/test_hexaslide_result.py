@@ -130,7 +130,7 @@ async def test_keys_are_those_of_the_other_result(session: Path) -> None:
         screen = await looked(pilot, interface, HexaSlideResultScreen)
         await pilot.press("d")
         await until(pilot, "diagnosis", lambda: active(screen) == "diagnosis")
-        await pilot.press("h")
+        await pilot.press("escape")
         await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
         await pilot.press("f10")
 

@@ -26,7 +26,11 @@ async def test_the_size_is_moved_and_all_follows(scaled: Path) -> None:
     async with interface.run_test(size=SIZE) as pilot:
         await looked(pilot, interface, HexaSlideResultScreen)
         await pilot.press("w")
-        await until(pilot, "choices", lambda: isinstance(interface.screen, ChoiceDialog))
+        await until(
+            pilot,
+            "choices",
+            lambda: isinstance(interface.screen, ChoiceDialog) and interface.screen.is_mounted,
+        )
         first = interface.screen.query_one(OptionList).get_option_at_index(0)
         assert "scale of rail 3" in str(first.prompt)
         await pilot.press("enter")
@@ -52,11 +56,13 @@ async def test_the_size_is_moved_and_all_follows(scaled: Path) -> None:
         assert screen.values[0] < best[0]
         await pilot.press("0")
         assert screen.values == (0.0,)
+        await until(pilot, "its figures", lambda: screen.ready)
         without, with_it = figures(interface, "readings left")
         assert without == with_it
         assert figures(interface, "cause not compensated") == (0.0, 0.0)
         await pilot.press("f")
         assert screen.values == best
+        await until(pilot, "its figures", lambda: screen.ready)
         assert figures(interface, "values without it entered")[1] > 0.01
         await pilot.press("escape")
         await until(pilot, "result", lambda: isinstance(interface.screen, HexaSlideResultScreen))

@@ -103,7 +103,7 @@ async def test_an_indicator_goes_on_at_another_port(
     """Its cable is pulled, and its adapter comes back under another name, known by its number."""
     with TwinPort(still_twin(), "tcp") as first, TwinPort(still_twin(), "tcp") as second:
         where = {first.url: "A1"}
-        for module in ("app.measuring.gauges", "app.screens.measure"):
+        for module in ("app.measuring.gauges", "app.measuring.lost"):
             monkeypatch.setattr(f"{module}.adapter_at", lambda port: where.get(port, ""))
         monkeypatch.setattr("app.measuring.indicators.adapters", lambda: where)
         monkeypatch.setattr(
@@ -145,7 +145,7 @@ async def test_another_adapter_under_the_old_name_puts_the_session_on_hold(
 ) -> None:
     """Two cables that were pulled may come back with their names exchanged."""
     numbers = ["A1"]
-    for module in ("app.measuring.gauges", "app.screens.measure"):
+    for module in ("app.measuring.gauges", "app.measuring.lost"):
         monkeypatch.setattr(f"{module}.adapter_at", lambda _: numbers[-1])
     first = TwinPort(still_twin(), "tcp")
     interface = Glidecal(CheckScreen(plan_at(first.url, tmp_path)))

@@ -29,17 +29,25 @@ from app.evaluating.solution import load_sessions, solve_files
 from app.evaluating.what_if import choices, trial_of
 from app.machines.registry import LOOKS
 from app.measuring.demo import WATCHED, demo_plan
+from app.measuring.plan import Plan
 from app.report.text.questions import question_choices
 from app.screens.align import AlignScreen
 from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.corrections import Corrections
 from app.screens.diagnose import DiagnoseScreen
-from app.screens.fast_keys import LeftOnce, Palette
+from app.screens.fast_keys import LeftOnce
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.hexaslide_result import HexaSlideResultScreen, PostureWhatIfScreen
 from app.screens.history import CompareScreen, HistoryScreen
 from app.screens.home import HomeScreen, ReplayChoiceScreen
-from app.screens.interface import ChoiceDialog, Dialog, HelpDialog, Interface, TextDialog
+from app.screens.interface import (
+    ChoiceDialog,
+    Dialog,
+    HelpDialog,
+    Interface,
+    MainScreen,
+    TextDialog,
+)
 from app.screens.measure import MeasureScreen
 from app.screens.paged import PagedScreen
 from app.screens.pages import Message, contrast
@@ -102,7 +110,7 @@ def set_up(_: Path) -> Screen[Any]:
 def dry_run(_: Path) -> Screen[Any]:
     machine = load_machine(None)
     procedure = load_procedure("two-station", machine.geometry())
-    return DryRunScreen(procedure, machine, simulated().opened.instruments)
+    return DryRunScreen(Plan(Path(), machine, procedure, simulated().opened.instruments))
 
 
 def what_if(_: Path) -> Screen[Any]:
@@ -146,8 +154,8 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     TextDialog: lambda _: TextDialog("Why? " * 30, "reason", without="step 12 stays the next."),
     HelpDialog: lambda _: HelpDialog("words"),
 }
-PARTS = {Corrections, Dialog, LeftOnce, PagedScreen, Palette, SizesScreen}
-"""What screens are made of; the palette is Textual's."""
+PARTS = {Corrections, Dialog, LeftOnce, MainScreen, PagedScreen, SizesScreen}
+"""What screens are made of."""
 
 
 def kinds(of: type[Any]) -> Iterator[type[Any]]:

@@ -179,7 +179,7 @@ async def test_copy_tells_how_many_lines(record_path: Path) -> None:
         await pilot.press("end", "y")
         lines = reading_lines(screen.playback.session)
         assert interface.clipboard.splitlines() == lines
-        assert text(interface, "#said").startswith(f"Copied {len(lines)} lines")
+        assert said(interface).startswith(f"{len(lines)} lines copied")
         assert len(lines) == 1 + 8 + 2
         await pilot.press("f10")
 

@@ -476,7 +476,7 @@ async def test_home(
     monkeypatch.chdir(path.parent)
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE) as pilot:
-        await pilot.press("h")
+        await pilot.press("escape")
         await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
         assert "What do you want to do?" in text(interface, "#question")
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from textual.command import Command, CommandPalette
 from textual.pilot import Pilot
 from textual.widgets import OptionList, Static
 from textual.widgets._footer import FooterKey
 
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import HelpDialog, Interface, TextDialog
+from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.start import Glidecal
 from app.settings import Settings, read_settings
 from protocols.record import read_record
@@ -32,24 +31,19 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 async def from_palette(pilot: Pilot[str], interface: Interface, command: str) -> None:
     await pilot.press("ctrl+p")
-    await until(pilot, "palette", lambda: isinstance(interface.screen, CommandPalette))
     await pick(pilot, interface, command)
 
 
-async def pick(pilot: Pilot[str], interface: Interface, command: str) -> None:
-    """Type a command into the open palette and take the answer."""
-    palette = interface.screen
-    await pilot.press(*command)
-    listed = palette.query_one("CommandList", OptionList)
-
-    def found() -> bool:
-        first = listed.options[0] if listed.options else None
-        answer = str(first.hit.text) if isinstance(first, Command) else ""
-        return answer.lower().startswith(command) and listed.highlighted == 0
-
-    await until(pilot, f"answer {command}", found)
+async def pick(pilot: Pilot[str], interface: Interface, words: str) -> None:
+    """Take the row of an open list that begins with these words."""
+    await until(pilot, "list", lambda: isinstance(interface.screen, ChoiceDialog))
+    dialog = interface.screen
+    await until(pilot, "its rows", lambda: bool(dialog.query(OptionList)) and dialog.is_mounted)
+    listed = dialog.query_one(OptionList)
+    rows = [str(option.prompt)[3:].lower() for option in listed.options]
+    listed.highlighted = next(k for k, row in enumerate(rows) if row.startswith(words))
     await pilot.press("enter")
-    await until(pilot, "palette closed", lambda: interface.screen is not palette)
+    await until(pilot, "list closed", lambda: interface.screen is not dialog)
 
 
 async def test_own_keys_take_the_place_of_the_usual_ones(tmp_path: Path) -> None:
@@ -98,15 +92,16 @@ async def test_light_and_dark_are_kept(file: Path) -> None:
     file.write_text('# mine\n[keys]\n"app.help" = "f3"\n', encoding="utf-8")
     interface = Glidecal(HomeScreen(), settings=read_settings(file))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
-        await from_palette(pilot, interface, "light")
+        await from_palette(pilot, interface, "theme")
+        await pick(pilot, interface, "textual-light")
         await until(pilot, "light", lambda: interface.theme == "textual-light")
         assert read_settings(file).theme == "textual-light"
         assert "# mine" in file.read_text(encoding="utf-8")
-        interface.action_light_or_dark()
+        interface.theme = "textual-dark"
         await until(pilot, "dark", lambda: read_settings(file).theme == "textual-dark")
         assert read_settings(file).keys == {"app.help": "f3"}
         file.write_text("[broken", encoding="utf-8")
-        interface.action_light_or_dark()
+        interface.theme = "textual-light"
         await until(pilot, "told", lambda: "TOML text" in said(interface))
         assert file.read_text(encoding="utf-8") == "[broken"
         await pilot.press("f10")
@@ -116,7 +111,6 @@ async def test_a_theme_by_name(file: Path) -> None:
     interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE) as pilot:
         await from_palette(pilot, interface, "theme")
-        await until(pilot, "themes", lambda: isinstance(interface.screen, CommandPalette))
         await pick(pilot, interface, "gruvbox")
         await until(pilot, "gruvbox", lambda: interface.theme == "gruvbox")
         assert read_settings(file).theme == "gruvbox"
@@ -127,11 +121,11 @@ async def test_a_page_that_only_shows_writes_nothing(file: Path) -> None:
     interface = Glidecal(HomeScreen(), read_only=True)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
-        interface.action_light_or_dark()
+        interface.theme = "textual-light"
         await pilot.pause()
         assert interface.theme == "textual-light"
         titles = [c.title for c in interface.get_system_commands(interface.screen)]
-        assert titles == ["Theme", "Light or dark", "Keys", "Quit"]
+        assert titles == ["Theme", "Keys", "Quit"]
         await pilot.press("f10")
     assert not file.exists()
 
@@ -148,7 +142,7 @@ async def test_screenshot_into_the_current_folder(
         assert f"{Path.cwd() / picture}" in said(interface)
         svg = picture.read_text(encoding="utf-8")
         assert "Demonstration" in svg
-        assert "Search" not in svg
+        assert "cancels" not in svg
 
         def refuse(*_: object, **__: object) -> None:
             raise PermissionError(13, "Permission denied")
@@ -171,7 +165,9 @@ async def test_keys_of_the_present_screen(tmp_path: Path) -> None:
         listed = str(interface.screen.query_one(Static).content)
         assert "f2          Take" in listed
         assert "u           Repeat" in listed
-        await pilot.press("escape", "f10")
+        await pilot.press("escape")
+        await from_palette(pilot, interface, "quit")
+        await until(pilot, "left", lambda: interface.guided is None)
 
 
 @pytest.mark.parametrize("animations", [True, False])

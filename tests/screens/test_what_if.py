@@ -72,7 +72,7 @@ async def test_figures_follow_the_size_as_in_python(bowed: Path) -> None:
         assert "w" in offered(interface)
         screen = await tried(pilot, interface)
         assert text(interface, "#heading").startswith("What if leg_bow (xy)   bow [x].jsonl")
-        (fitted,) = screen.fitted
+        (fitted,) = screen.trial.fitted
         assert fitted.value == pytest.approx(0.25, abs=3 * fitted.standard_uncertainty)
         chart = screen.query_one("#left-chart0", ChartPlot)
         pictures = [str(chart.render())]
@@ -98,7 +98,7 @@ async def test_figures_follow_the_size_as_in_python(bowed: Path) -> None:
             await pilot.pause()
             pictures.append(str(chart.render()))
         assert pictures[0] != pictures[-1]
-        assert size == screen.trial.steps[0]
+        assert size == screen.trial.sizes.steps[0]
         for page, words in (("2", "x measured   o without   + with it"), ("3", "left, mm")):
             await pilot.press(page)
             await pilot.pause(0.05)
@@ -163,7 +163,7 @@ async def test_a_size_that_was_moved_is_adopted_and_held(bowed: Path) -> None:
         screen = await tried(pilot, interface)
         assert screen.choice.standing == "model"
         await pressed(pilot, screen, "right", "f")
-        (best,) = screen.fitted
+        (best,) = screen.trial.fitted
         await pilot.press("enter")
         await until(pilot, "written", lambda: f"Model written: {model}" in said(interface))
         (entry,) = read_model_file(model).effects
@@ -327,7 +327,7 @@ async def test_a_size_that_readings_do_not_show_can_be_moved_all_the_same(tmp_pa
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
         page = await tried(pilot, interface)
-        assert page.fitted == ()
+        assert not page.trial.sizes.best
         assert "not seen" in body(interface)
         await pilot.press("f")
         await until(pilot, "why", lambda: "not shown by these readings" in said(interface))

@@ -28,7 +28,6 @@ POSTURE_RESULT_HELP = f"""\
 {{postures.report}}  the report to sign, as HTML or PDF
 {{postures.diagnose}}  the diagnosis: what may be missing, and why
 {{postures.what_if}}  what if: the size of a cause is moved
-{{postures.home}}  to the home screen
 {PAGE_HELP}
 
 The result of a session of postures. What no reading shows is named: frames

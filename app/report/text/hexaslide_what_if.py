@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from app.report.text.hexaslide_diagnosis import title_of
-from app.report.text.tables import decimals, new_table, signed, table_text
-from calib.diagnosis.hexaslide_what_if import CauseAtSize, PostureTrial
+from app.report.text.tables import new_table, table_text
+from calib.diagnosis.hexaslide_what_if import CauseAtSize
 
 WHAT_IF_HELP = """\
 {what_if.smaller}, {what_if.larger}  the size smaller, larger, by a step below its ±
@@ -15,8 +14,8 @@ WHAT_IF_HELP = """\
 {what_if.size_before}, {what_if.next_size}  another of several sizes (> is moved)
 {what_if.nothing}  nothing: parameters alone
 {what_if.best}  the size that fits best
-{page.copy}  copy the plot to the clipboard
-{page.back}, {page.quit}  back, quit
+{page.copy}  copy words and plot to the clipboard
+{page.back}, {app.quit}  back, quit
 
 Parameters are fitted again at every size. Platform, cause not
 compensated: what the cause alone does there over the box, frames laid
@@ -25,8 +24,6 @@ if the cause is real and the parameters of a fit without it are
 entered. Nothing is written; glidecal diagnose --adopt writes a model."""
 
 WHICH = "Which cause?"
-WORKING = "Working out what it does …"
-NOT_SEEN = "The parameters can imitate it: the readings do not show its size."
 
 
 def cause_words(name: tuple[str, str], weight: float) -> str:
@@ -37,20 +34,6 @@ def cause_words(name: tuple[str, str], weight: float) -> str:
 def heading_text(name: tuple[str, str], path: Path) -> str:
     """What is tried, on which readings."""
     return f"What if {title_of(name)}   {path.name}"
-
-
-def sizes_text(trial: PostureTrial, values: Sequence[float], number: int) -> str:
-    """A line for each size: what it is now, what fits best, how far a key moves it."""
-    table = new_table("", "size", "", "fits best", "step", left=1)
-    for k, name in enumerate(trial.cause.names):
-        step, best = trial.steps[k], "not seen"
-        if trial.best:
-            places = decimals(trial.deviations[k])
-            best = f"{signed(trial.best[k], places)} ± {trial.deviations[k]:.{places}f}"
-        mark = ">" if k == number else " "
-        size = signed(values[k], decimals(step))
-        table.add_row(f"{mark} {name}", size, trial.cause.unit, best, f"{step:g}")
-    return "\n".join(filter(None, [table_text(table), "" if trial.best else NOT_SEEN]))
 
 
 def effect_text(before: CauseAtSize, now: CauseAtSize) -> str:

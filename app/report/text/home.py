@@ -39,7 +39,7 @@ REPORTS_SERVED = "Reports to read and print: in the browser, /reports behind thi
 HISTORY_OF = "History of {}"
 REPLAY_QUESTION = f"Which session do you want to see? {LIST_KEYS}."
 HOME_QUESTION = f"What do you want to do? {LIST_KEYS}."
-COMPUTING = "Computing … {home.quit} leaves."
+COMPUTING = "Computing … {app.quit} leaves."
 
 HOME_CHOICES = (
     ("new", "New session on real indicators"),
@@ -263,12 +263,16 @@ The steps in the order in which they are measured, each with the
 line to type at the controller; on the second page what to expect of
 the result. Nothing is opened or written."""
 
+WHICH_COMMAND = "What do you want to do?"
+WHICH_THEME = "Which colours?"
 PALETTE = (
     ("Theme", "Choose the colours; kept in the settings"),
-    ("Light or dark", "The other of the two plain themes; kept in the settings"),
     ("Screenshot", "Save this screen as an SVG picture in the current folder"),
     ("Keys", "Every key of this screen"),
     ("Quit", "Leave; an open session is paused and can be continued"),
+)
+TOO_SMALL = (
+    "This window has {} × {} characters, and words are cut. glidecal needs {} × {}: make it larger."
 )
 NO_HELP = "The keys of this screen are in its last line."
 

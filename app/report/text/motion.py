@@ -23,10 +23,12 @@ MOVED_BY = {None: "", "twin": "A simulated controller", "linuxcnc": "LinuxCNC on
 
 
 def plan_text(plan: Plan, remarks: tuple[str, ...] = ()) -> str:
-    """All that will move, every posture of it: shown before anything does.
+    """Every step; where a controller moves the machine, all that will move.
 
     ``remarks`` are what the controller says of itself. Raises as `ways_of`.
     """
+    if not plan.motion:
+        return dry_run_text(plan.procedure, plan.machine, plan.instruments)
     return f"{_postures_text(plan)}\n\n{_limits_text(plan, remarks)}"
 
 

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from app.measuring.doubts import Doubt, TakenStep
+from app.measuring.lost import LostNews
 from app.report.text.session import cycle_words, step_name
 from app.report.text.tables import signed, uncertain
 from calib.errors import sentence
+from drivers.profile import FaultKind
 from protocols.procedure import Step, posture_words
 from protocols.session import Session
 
@@ -250,20 +252,22 @@ def answered_text(answer: str, step_taken: TakenStep, unsure: Sequence[int] = ()
     return f"Not kept. Next is step {number}: {then.get(answer, '')}take it again."
 
 
-def lost_text(name: str, words: str, elsewhere: str | None, *, gone: bool) -> str:
-    """An indicator that gives no value: why, where its adapter is now, and what to do."""
-    lost = f"FAULT: {name}: {sentence(words)} The session waits."
-    if elsewhere:
-        return f"{lost} Its adapter is at {elsewhere} now: {{measure.port}} goes on there."
-    if gone:
+def lost_text(name: str, news: LostNews) -> str:
+    """An indicator that gives no value, or gives one again: why, its adapter, and what to do."""
+    if news.fault is None:
+        return f"{name.capitalize()} answers again. Continue with this step."
+    lost = f"FAULT: {name}: {sentence(news.fault.words)} The session waits."
+    if news.elsewhere:
+        return f"{lost} Its adapter is at {news.elsewhere} now: {{measure.port}} goes on there."
+    if news.fault.kind is FaultKind.DISCONNECTED:
         return f"{lost} If it comes back under another name, {{measure.port}} chooses it."
     return lost
 
 
-def other_adapter_text(name: str, adapter: str, before: str) -> str:
+def other_adapter_text(name: str, before: str, now: str) -> str:
     """An indicator that answers again is behind another adapter: perhaps another indicator."""
     return (
-        f"WARNING: {name} answers again, but adapter {adapter or 'without a number'} is there now, "
+        f"WARNING: {name} answers again, but adapter {now or 'without a number'} is there now, "
         f"before it was {before}. Plug it back, or make sure that it is the same indicator."
     )
 

@@ -34,7 +34,7 @@ REPLAY_HELP = """\
 {replay.where}  the set-up of the step as a picture
 {replay.result}  the result of the whole session
 {replay.copy}  copy every reading so far as text
-{replay.leave}, {replay.quit}  back, leave
+{replay.leave}, {app.quit}  back, leave
 
 Nothing is measured or written here. Breaks of more than 30 s are
 cut short. The panels show the recorded readings; their age is the
@@ -154,5 +154,4 @@ def reading_lines(session: Session) -> list[str]:
 
 
 JUMP_QUESTION = "To which {}?"
-COPIED = "Copied {} lines, if this terminal lets programs use the clipboard (OSC 52)."
 UNSOLVED = "No result of this session: {}"

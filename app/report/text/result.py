@@ -391,7 +391,6 @@ RESULT_HELP = f"""\
 {{result.report}}  write the report to sign (HTML) beside the session
 {{result.diagnose}}  diagnose: where readings and model disagree, and why
 {{result.what_if}}  what if: move the size of an effect, see what it does
-{{result.home}}  to the home screen
 {PAGE_HELP}
 
 The values to enter leave least of the tool's error, over everything

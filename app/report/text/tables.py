@@ -126,7 +126,7 @@ def free_words(degrees: float) -> str:
 PAGE_HELP = """\
 {page.next}, {page.before}, {page.1} …  the next page, the one before, a page by its number
 {page.copy}  copy the page to the clipboard, a plot as characters
-{page.back}, {page.quit}  back, quit
+{page.back}, {app.quit}  back, quit
 Up and down, Page up and Page down scroll a text."""
 """What keys do on every screen of pages; ids of bindings in braces."""
 

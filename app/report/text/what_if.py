@@ -18,7 +18,8 @@ from app.report.text.tables import (
     uncertain,
     wrapped,
 )
-from calib.identify.solution import FittedSize, Solution
+from calib.identify.solution import Solution
+from calib.quantity import Sizes
 
 WHAT_IF_HELP = """\
 {what_if.smaller}, {what_if.larger}  the size smaller, larger, by a step no larger than its ±
@@ -30,8 +31,8 @@ WHAT_IF_HELP = """\
 {what_if.best} the size stays free and is fitted
 {what_if.up}, {what_if.down}  scroll the numbers
 {page.next}, {page.1} …  the next page, a page by its number
-{page.copy}  copy the numbers to the clipboard
-{page.back}, {page.quit}  drop it: nothing is written; quit
+{page.copy}  copy the page to the clipboard, a plot as characters
+{page.back}, {app.quit}  drop it: nothing is written; quit
 
 Offsets and lengths are fitted again at every size, other effects of
 the model, too. Tool, effect not compensated: what the effect
@@ -89,24 +90,17 @@ def doubt_text(choice: Choice, *, mistakes: bool) -> str:
     return wrapped("\n".join(lines))
 
 
-def sizes_text(
-    trial: Trial,
-    values: Sequence[float],
-    number: int,
-    fitted: Sequence[FittedSize],
-    why_not: str,
-) -> str:
+def sizes_text(sizes: Sizes, values: Sequence[float], number: int, why_not: str) -> str:
     """A line for each size: what it is now, what fits best, how far a key moves it."""
     table = new_table("", "size", "", "fits best", "step", left=1)
-    for k, (name, entry) in enumerate(trial.entry.parameters.items()):
-        step = trial.steps[k]
-        places = decimals(step)
+    for k, (name, step) in enumerate(zip(sizes.names, sizes.steps, strict=True)):
         best = "not seen"
-        if fitted:
-            u = fitted[k].standard_uncertainty
-            best = f"{signed(fitted[k].value, decimals(u))} ± {u:.{decimals(u)}f}"
+        if sizes.best:
+            places = decimals(sizes.deviations[k])
+            best = f"{signed(sizes.best[k], places)} ± {sizes.deviations[k]:.{places}f}"
+        value = signed(values[k], decimals(step))
         mark = ">" if k == number else " "
-        table.add_row(f"{mark} {name}", signed(values[k], places), entry.unit, best, f"{step:g}")
+        table.add_row(f"{mark} {name}", value, sizes.units[k], best, f"{step:g}")
     return "\n".join(filter(None, [table_text(table), wrapped(why_not)]))
 
 

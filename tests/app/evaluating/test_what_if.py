@@ -144,7 +144,7 @@ def test_what_fits_best_is_what_a_model_gives(session: glidecal.Session, tmp_pat
     (refit,) = glidecal.solve(session, subset="both", model=path).solution.sizes
     assert (refit.value, refit.standard_uncertainty) == (fitted.value, fitted.standard_uncertainty)
     # and no other size leaves less
-    (step,) = trial.steps
+    (step,) = trial.sizes.steps
     assert step <= fitted.standard_uncertainty < 2.5 * step
     near = [trial.at([fitted.value + k * step]).solution for k in (-3, 0, 3)]
     statistics = [neighbour.lack_of_fit.statistic for neighbour in near if neighbour.lack_of_fit]
@@ -175,10 +175,10 @@ def test_an_effect_of_the_model_is_held_in_place_of_being_fitted(
 @given(start=st.floats(-0.3, 0.3), steps=st.lists(st.sampled_from((-10, -1, 1, 10)), max_size=30))
 def test_steps_meet_round_sizes_and_keep_within_bounds(start: float, steps: list[int]) -> None:
     trial = tried("actuator_scale:all", "joint-offsets")
-    (step,) = trial.steps
+    (step,) = trial.sizes.steps
     values: tuple[float, ...] = (start,)
     for by in steps:
-        before, values = values[0], trial.moved(values, 0, by)
+        before, values = values[0], trial.sizes.moved(values, 0, by)
         way = 1 if by > 0 else -1
         assert 0.0 <= way * (values[0] - before) <= abs(by) * step * (1 + 1e-6)
         if abs(values[0]) < 9.0:
@@ -189,8 +189,8 @@ def test_steps_meet_round_sizes_and_keep_within_bounds(start: float, steps: list
 
 def test_play_is_never_below_nothing() -> None:
     trial = tried("backlash:all", "joint-offsets")
-    assert trial.moved((0.0,), 0, -1) == (0.0,)
-    assert trial.moved((trial.steps[0],), 0, -10) == (0.0,)
+    assert trial.sizes.moved((0.0,), 0, -1) == (0.0,)
+    assert trial.sizes.moved((trial.sizes.steps[0],), 0, -10) == (0.0,)
 
 
 def test_what_is_not_known_is_refused(session: glidecal.Session) -> None:

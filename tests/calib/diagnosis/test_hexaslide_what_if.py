@@ -45,9 +45,9 @@ def test_the_best_size_leaves_least_and_steps_stay_in_bounds(trial: PostureTrial
     squares = [trial.at((best + by * deviation,)).times_noise ** 2 for by in (-1, 0, 1)]
     assert squares[1] == min(squares)
     assert (squares[0] - squares[1]) * trial.models.spare == pytest.approx(1.0, rel=1e-6)
-    (step,) = trial.steps
+    (step,) = trial.sizes.steps
     assert 0.3 * deviation < step <= deviation
-    assert trial.moved((best,), 0, 10**6)[0] == 10.0
+    assert trial.sizes.moved((best,), 0, 10**6)[0] == 10.0
     at = trial.at((0.5,))
     assert at.alone_m > 0.0
     assert at.misled_m > 0.0

@@ -106,6 +106,11 @@ def measured_words(opened: Beginning, form: str = "%Y-%m-%d") -> str:
     return f"{opened.measured_on or 'not stated'}, imported {recorded}"
 
 
+def day_words(opened: Beginning) -> str:
+    """The day when it was measured; where nobody stated it, the day of the import."""
+    return f"{measured_at(opened).date()}" if is_dated(opened) else measured_words(opened)
+
+
 def _beside(name: str) -> str:
     if name in {"", ".", ".."} or any(mark in name for mark in "/\\\0"):
         raise ValueError("the name of a session in the same folder, without a path")

@@ -206,7 +206,9 @@ class Verification:
 
 
 def verify_files(before: Path, after: Path, tolerance_mm: float | None = None) -> Verification:
-    """Judge the second session by the first; the tolerance is that of its machine if not given.
+    """Judge the second session by the first.
+
+    The tolerance is the given one, else that of the later machine file, else of the earlier.
 
     Raises as `compare_files`, and UsageError for a tolerance that is no positive length.
     """
@@ -218,7 +220,8 @@ def verify_files(before: Path, after: Path, tolerance_mm: float | None = None) -
     common = later.sessions[0].opened.machine.set_at_zero or False
     if common:
         compared = replace(compared, remarks=(*compared.remarks, LESS_COMMON))
-    tolerance = tolerance_mm or later.sessions[0].opened.machine.tool_tolerance_mm
+    stated = (solved.sessions[0].opened.machine.tool_tolerance_mm for solved in (later, earlier))
+    tolerance = tolerance_mm or next(filter(None, stated), None)
     decision = None
     if tolerance:
         decision = decided_in(later.corrections.off_now, later.frame, tolerance)

@@ -83,7 +83,11 @@ class CertifiedCalibration:
 
     @property
     def instruments(self) -> tuple[InstrumentIdentity, ...]:
-        """Each indicator once, whatever axes it measured along, then those of the order."""
+        """Each indicator once, whatever axes it measured along, then those of the order.
+
+        A table and a log do not name theirs: those of the order are in their place.
+        """
+        ordered = self.head.order.instrument if self.head else ()
         recorded = (
             InstrumentIdentity.model_construct(  # a record may hold what an order may not
                 name=indicator.profile,
@@ -93,8 +97,8 @@ class CertifiedCalibration:
             )
             for session in self.sessions
             for indicator in session.opened.instruments
+            if not (ordered and session.opened.origin == "imported")
         )
-        ordered = self.head.order.instrument if self.head else ()
         return tuple(dict.fromkeys((*recorded, *ordered)))
 
     @property
@@ -149,7 +153,9 @@ def calibration_of(
     diagnosed = diagnose_sessions(solved.sessions, model=model)
     last = records_in_order(paths)[-1].path
     verified = verify_files(last, after, tolerance_mm) if after else None
-    if tolerance_mm is None:
+    if verified:  # one tolerance for all decisions
+        tolerance_mm = verified.tolerance_mm
+    elif tolerance_mm is None:
         tolerance_mm = solved.sessions[0].opened.machine.tool_tolerance_mm
     return CertifiedCalibration(solved, diagnosed, verified, tolerance_mm, head, model)
 

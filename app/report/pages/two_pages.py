@@ -25,7 +25,7 @@ from app.report.text.result import DECISION_RULE, decided, offsets_table, what_t
 from app.report.text.tables import new_table
 from calib.printable import printable
 from protocols.certificate import InstrumentIdentity
-from protocols.session import measured_words
+from protocols.session import day_words
 
 LONGEST, LONGEST_ENTRY, LONGEST_CELL = 220, 60, 28
 """Letters of a sentence, an entry and a narrow cell on these pages; the annex has the whole."""
@@ -108,7 +108,7 @@ def _object(calibration: CertifiedCalibration) -> Table:
     count = sum(len(session.readings) for session in sessions)
     rows: list[tuple[str, Iterable[str | None]]] = [
         *ordered_rows(calibration.head, calibration.serial_number),
-        ("measured", dict.fromkeys(map(measured_words, opened))),
+        ("measured", dict.fromkeys(map(day_words, opened))),
         ("operator", dict.fromkeys(start.operator for start in opened)),
         ("temperature", dict.fromkeys(_temperature(start.temperature_c) for start in opened)),
         ("procedure", dict.fromkeys(procedures)),

@@ -177,7 +177,10 @@ class MeasuredSession(Report):
 
     of = Source[Session]()
     origin: str = of(lambda r: r.opened.origin)
-    begun: datetime = of(lambda r: measured_at(r.opened))
+    begun: datetime = of(
+        lambda r: measured_at(r.opened),
+        "of an imported table the stated day, else when it was imported",
+    )
     operator: str = of(lambda r: r.opened.operator)
     temperature_c: float | None = of(lambda r: r.opened.temperature_c)
     indicators: tuple[Instrument, ...] = of(lambda r: r.opened.instruments)

@@ -97,6 +97,34 @@ def test_a_verified_one_is_valid(
     assert [decision.text for decision in decisions] == ["fail", "pass", "pass"]
 
 
+def with_tolerance(source: Path, target: Path, tolerance_mm: float | None) -> Path:
+    """The same readings of a machine whose file states this tolerance."""
+    record = read_record(source)
+    machine = record.opened.machine.model_copy(update={"tool_tolerance_mm": tolerance_mm})
+    opened = record.opened.model_copy(update={"machine": machine})
+    write_whole(target, opened, list(record.events[1:-1]))
+    return target
+
+
+@pytest.mark.parametrize(
+    ("earlier_mm", "later_mm", "judged_mm"),
+    [(0.05, 0.001, 0.001), (None, 0.5, 0.5), (0.5, None, 0.5)],
+)
+def test_every_decision_is_against_the_tolerance_beside_it(
+    earlier_mm: float | None, later_mm: float | None, judged_mm: float, order: Path, tmp_path: Path
+) -> None:
+    before = with_tolerance(SIMULATED, tmp_path / "before.jsonl", earlier_mm)
+    after = with_tolerance(later_session(tmp_path), tmp_path / "later.jsonl", later_mm)
+    calibration = calibration_of([before], after=after, head=read_head(order))
+    root = ElementTree.fromstring(certificate_xml(contents_of(calibration)))
+    tolerances = root.findall(".//dcc:measurementMetaData//si:value", NAMES)
+    assert [float(value.text or "nan") for value in tolerances] == [judged_mm] * 3
+    decided = root.findall(".//dcc:metaData/dcc:declaration/dcc:content", NAMES)
+    assert decided[-1].text == ("pass" if judged_mm == 0.5 else "undecided")
+    assert f"Tolerance: {judged_mm:g} mm" in calibration.decision
+    assert f"tolerance {judged_mm:g} mm" in calibration.judged_words
+
+
 @LONG
 def test_words_of_strangers_are_text(
     order: Path, tmp_path: Path, faults_of: Callable[[str], list[str]]

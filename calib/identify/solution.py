@@ -211,6 +211,12 @@ class Solution:
         }
 
     @property
+    def noise_expanded_mm(self) -> FloatArray:
+        """Expanded uncertainties ``(k,)`` from noise alone, without parts within tolerance, mm."""
+        noise_mm2 = self.covariance_mm2.diagonal() - self.held_mm2.diagonal()
+        return np.asarray(self.coverage_factors * np.sqrt(np.maximum(noise_mm2, 0.0)))
+
+    @property
     def beyond_tolerance(self) -> tuple[tuple[str, float, float], ...]:
         """Parameters surely more than `BELIEVED` tolerances off: name, value and tolerance, mm."""
         tolerance = self.tolerance_mm[list(SUBSETS[self.subset])]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -88,6 +89,13 @@ def compare_files(before: Path, after: Path) -> Comparison:
             f"sessions {before} and {after}", "the same session", "two different ones"
         )
     machine, later_machine = earlier.opened.machine, later.opened.machine
+    numbers = [machine.serial_number, later_machine.serial_number]
+    if all(numbers) and numbers[0] != numbers[1]:
+        raise CalibrationError(
+            f"sessions {before} and {after}",
+            f"serial numbers of two machines, {numbers[0]} and {numbers[1]}",
+            "two sessions of one machine",
+        )
     # entered offsets may differ, that is what is compared; the geometry may where firmware holds it
     firmware = machine.name == later_machine.name and bool(
         machine.position_endstop_mm and later_machine.position_endstop_mm
@@ -225,7 +233,31 @@ def verify_files(before: Path, after: Path, tolerance_mm: float | None = None) -
     decision = None
     if tolerance:
         decision = decided_in(later.corrections.off_now, later.frame, tolerance)
-    return Verification(compared, _remaining(earlier, later, common=common), tolerance, decision)
+    offsets = _remaining(earlier, later, common=common)
+    compared = replace(compared, remarks=(*compared.remarks, *_record_remarks(compared, offsets)))
+    return Verification(compared, offsets, tolerance, decision)
+
+
+def _record_remarks(compared: Comparison, offsets: Sequence[RemainingOffset]) -> Iterator[str]:
+    """Whether the later record names what was entered: a history and later sessions take it so."""
+    earlier, later = (
+        solved.sessions[0].opened.machine for solved in (compared.before, compared.after)
+    )
+    if later.position_endstop_mm:
+        return
+    pairs = zip(earlier.entered_offsets_mm, later.entered_offsets_mm, offsets, strict=True)
+    forgotten = [
+        offset.name
+        for was_mm, named_mm, offset in pairs
+        if offset.entered == "as expected"
+        and abs(named_mm - was_mm - offset.before_mm) > offset.expanded_mm
+    ]
+    if forgotten:
+        yield (
+            f"The readings show that {', '.join(forgotten)} of {compared.before.names[0]} was "
+            f"entered, but not entered_offsets_mm of {compared.after.names[0]}: glidecal history "
+            "takes it for a change of the machine. Mend the machine file."
+        )
 
 
 def _remaining(

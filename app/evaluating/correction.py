@@ -101,12 +101,12 @@ class SessionCorrection:
     def values(self) -> dict[str, EnteredValue]:
         """By name: d_rho of all joints, d_L and sizes of effects where they are not 0."""
         named = zip(PARAMETER_NAMES, self.model.parameters_mm, strict=True)
-        known = [] if self.uncertainties_mm is None else zip(*self.uncertainties_mm, strict=True)
-        wide = dict(
-            zip(JOINT_OFFSETS, ((float(u), float(half)) for u, half in known), strict=False)
-        )
+        known: dict[str, tuple[float, float]] = {}
+        if self.uncertainties_mm is not None:
+            columns = (column.tolist() for column in self.uncertainties_mm)
+            known = dict(zip(JOINT_OFFSETS, zip(*columns, strict=True), strict=True))
         values = {
-            name: EnteredValue(float(mm), "mm", *wide.get(name, ()))
+            name: EnteredValue(float(mm), "mm", *known.get(name, ()))
             for name, mm in named
             if name in JOINT_OFFSETS or mm
         }

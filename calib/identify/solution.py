@@ -60,11 +60,11 @@ class FittedSize:
 class Estimate:
     """A value that was identified, in its unit; the expanded uncertainty is for 95 %."""
 
-    value: Annotated[float, Quantity("value", "", "measured", 4, "true less believed")]
+    value: Annotated[float, Quantity("value", "", "measured", 0, "true less believed")]
     standard_uncertainty: Annotated[float, Quantity(words="parts outside the set as stated")]
     expanded_uncertainty: Annotated[
         float,
-        Quantity("± U (95 %)", "", "uncertainty", 4, "for 95 %, parts outside the set as stated"),
+        Quantity("± U (95 %)", "", "uncertainty", 0, "for 95 %, parts outside the set as stated"),
     ]
     coverage_factor: Annotated[float, Quantity(words="expanded over standard uncertainty")]
     unit: Annotated[str, Quantity("unit", words="unit of value and uncertainties")]

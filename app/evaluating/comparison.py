@@ -120,9 +120,10 @@ def compare_files(before: Path, after: Path) -> Comparison:
     remarks = [MOVED] if changed else []
     remarks += [IN_FIRMWARE] if _held(machine) != _held(later_machine) else []
     remarks += [record.unfinished for record in (earlier, later) if record.unfinished]
-    if not measured <= again:
+    if measured != again:
         remarks.append(
-            f"Only {len(measured & again)} of {len(measured)} differences are in both sessions; "
+            f"Only {len(measured & again)} of {len(measured | again)} differences are in both "
+            "sessions; "
             "each r.m.s. is over its own session."
         )
     return Comparison(first, second, (*remarks, *_order_remarks(earlier, later)), changed)

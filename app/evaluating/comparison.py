@@ -77,8 +77,10 @@ IN_FIRMWARE = (
 )
 
 
-def compare_files(before: Path, after: Path) -> Comparison:
-    """Solve both sessions and lay them side by side.
+def compare_files(
+    before: Path, after: Path, *, solved: SessionSolution | None = None
+) -> Comparison:
+    """Solve both sessions and lay them side by side; the first may be ``solved`` with others.
 
     Raises RecordError for files that cannot be used or are the same session, CalibrationError for
     sessions with nothing in common.
@@ -107,7 +109,7 @@ def compare_files(before: Path, after: Path) -> Comparison:
             "two sessions of one machine",
         )
     sessions = earlier.session, later.session
-    first, second = (solve_sessions([session]) for session in sessions)
+    first, second = solved or solve_sessions(sessions[:1]), solve_sessions(sessions[1:])
     measured, again = (solved.solution.tabulated.keys() for solved in (first, second))
     if not measured & again:
         raise CalibrationError(
@@ -214,15 +216,21 @@ class Verification:
     decision: Decision | None
 
 
-def verify_files(before: Path, after: Path, tolerance_mm: float | None = None) -> Verification:
-    """Judge the second session by the first.
+def verify_files(
+    before: Path,
+    after: Path,
+    tolerance_mm: float | None = None,
+    *,
+    solved: SessionSolution | None = None,
+) -> Verification:
+    """Judge the second session by the first, or by what it is ``solved`` to with others.
 
     The tolerance is the given one, else that of the later machine file, else of the earlier.
 
     Raises as `compare_files`, and UsageError for a tolerance that is no positive length.
     """
     check_tolerance(tolerance_mm)
-    compared = compare_files(before, after)
+    compared = compare_files(before, after, solved=solved)
     if compared.changed:
         raise changed_between(f"sessions {before} and {after}", "solve")
     earlier, later = compared.before, compared.after

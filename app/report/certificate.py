@@ -152,7 +152,7 @@ def calibration_of(
     solved = solve_files(paths, model=model)
     diagnosed = diagnose_sessions(solved.sessions, model=model)
     last = records_in_order(paths)[-1].path
-    verified = verify_files(last, after, tolerance_mm) if after else None
+    verified = verify_files(last, after, tolerance_mm, solved=solved) if after else None
     if verified:  # one tolerance for all decisions
         tolerance_mm = verified.tolerance_mm
     elif tolerance_mm is None:

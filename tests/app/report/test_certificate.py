@@ -157,6 +157,18 @@ def test_a_table_is_traceable_through_the_instruments_of_the_order(
     assert [instrument.name for instrument in unnamed.instruments] == ["table"]
 
 
+def test_several_sessions_are_verified_by_the_values_that_were_entered(tmp_path: Path) -> None:
+    """One number on both pages: that of all sessions, not of the last one alone."""
+    paths = [tmp_path / f"{seed}.jsonl" for seed in (1, 2, 3)]
+    for seed, path in enumerate(paths, start=1):
+        run = glidecal("simulate", "-o", path, "--seed", f"{seed}", "--scatter", "0.02")
+        assert run.status == 0, run.err
+    calibration = calibration_of(paths[:2], after=paths[2])
+    assert calibration.verified is not None
+    stated = [offset.before_mm for offset in calibration.verified.offsets]
+    assert stated == pytest.approx(calibration.solved.joint_offsets_mm, abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("kind", "content", "words"),
     [

@@ -70,10 +70,9 @@ class CertifiedCalibration:
         return self.solved.sessions[0].opened.machine
 
     @property
-    def serial_number(self) -> str:
-        """Of the machine: as the order states it, else as the record does; empty: neither."""
-        ordered = self.head.order.machine.serial_number if self.head else None
-        return ordered or self.machine.serial_number or ""
+    def serial_numbers(self) -> tuple[str, ...]:
+        """As `serial_numbers_of`."""
+        return serial_numbers_of(self.head, self.machine.serial_number)
 
     @property
     def sessions(self) -> tuple[Session, ...]:
@@ -130,6 +129,12 @@ class CertifiedCalibration:
     def identification(self) -> str:
         """As `identification_of`."""
         return identification_of(self.head, self.digests)
+
+
+def serial_numbers_of(head: CertificateHead | None, recorded: str | None) -> tuple[str, ...]:
+    """Of the machine: as the order states it, and as the record does where that is another."""
+    ordered = head.order.machine.serial_number if head else None
+    return tuple(dict.fromkeys(filter(None, (ordered, recorded))))
 
 
 def identification_of(head: CertificateHead | None, digests: Sequence[str]) -> str:

@@ -26,7 +26,7 @@ def contents_of(calibration: CertifiedCalibration) -> CertificateContents:
     return CertificateContents(
         head=check_head(calibration.head),
         machine=calibration.machine.name,
-        serial_number=calibration.serial_number,
+        serial_numbers=calibration.serial_numbers,
         sessions=[*map(_recorded, calibration.sessions)],
         instruments=calibration.instruments,
         traceability="Lengths are those of the indicators. Each names its calibration "

@@ -178,7 +178,7 @@ def _object(certified: CertifiedPostures) -> Table:
     counts = (f"{len(session.readings)}" for session, _ in certified.sessions)
     table = new_table("object", shortened(opened[0].machine.full_name), left=2)
     rows: list[tuple[str, Iterable[str | None]]] = [
-        *ordered_rows(certified.head, certified.serial_number),
+        *ordered_rows(certified.head, certified.serial_numbers),
         ("measured", dict.fromkeys(map(day_words, opened))),
         ("operator", dict.fromkeys(start.operator for start in opened)),
         ("temperature", dict.fromkeys("" if c is None else f"{c:g} °C" for c in celsius)),

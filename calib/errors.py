@@ -20,6 +20,7 @@ import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import get_args
 
 from calib.printable import printable
 
@@ -94,6 +95,12 @@ class RecordError(GlidecalError):
 
 class UsageError(GlidecalError):
     """A name or option that does not exist or does not fit."""
+
+
+def check_choice(option: str, word: str | None, words: object) -> None:
+    """Raises UsageError for a word that is none of a Literal."""
+    if word is not None and word not in get_args(words):
+        raise UsageError(option, repr(word), ", ".join(get_args(words)))
 
 
 class IndicatorError(GlidecalError):

@@ -218,17 +218,22 @@ def report(
 
 
 def _given(sessions: Iterable[File | Session]) -> list[Session]:
-    """Sessions by their files' names, or numbered; records may not be one session twice."""
-    from app.evaluating.solution import load_sessions
+    """Sessions by their files' names, or numbered, in the order in which they were measured.
 
-    files = list(sessions)
-    loaded, remarks = load_sessions([Path(file) for file in files if not isinstance(file, Session)])
-    _warn(remarks)
-    read = iter(loaded)
-    return [
-        replace(file, name=f"session {k}") if isinstance(file, Session) else next(read)
-        for k, file in enumerate(files, start=1)
-    ]
+    Raises RecordError for one session twice.
+    """
+    from app.evaluating.solution import load_sessions, measured_first, refuse_twice
+
+    given, loaded = list(sessions), []
+    for number, file in enumerate(given, start=1):
+        if isinstance(file, Session):
+            loaded.append((f"session {number}", file))
+            continue
+        (session,), remarks = load_sessions([Path(file)])
+        _warn(remarks)
+        loaded.append((session.name, session))
+    refuse_twice(loaded)
+    return sorted((replace(session, name=name) for name, session in loaded), key=measured_first)
 
 
 def _warn(remarks: Iterable[str]) -> None:

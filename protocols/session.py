@@ -55,6 +55,11 @@ SCHEMA_NUMBER = len(get_args(SchemaId))
 FIRST_DIGEST = "0" * 64
 
 
+def local_now() -> datetime:
+    """The clock of the computer, with its offset from UTC: a day is that of the place."""
+    return datetime.now(UTC).astimezone()
+
+
 class Line(Document):
     """What every line carries: its number, the digest of the line before it, the wall clock.
 
@@ -64,7 +69,7 @@ class Line(Document):
 
     line: int = 0
     previous: str = FIRST_DIGEST
-    at: AwareDatetime = Field(default_factory=lambda: datetime.now(UTC))
+    at: AwareDatetime = Field(default_factory=local_now)
     seal: str = ""
 
 
@@ -104,6 +109,11 @@ def measured_words(opened: Beginning, form: str = "%Y-%m-%d") -> str:
     if opened.origin != "imported":
         return recorded
     return f"{opened.measured_on or 'not stated'}, imported {recorded}"
+
+
+def day_words(opened: Beginning) -> str:
+    """The day when it was measured; where nobody stated it, the day of the import."""
+    return f"{measured_at(opened).date()}" if is_dated(opened) else measured_words(opened)
 
 
 def _beside(name: str) -> str:

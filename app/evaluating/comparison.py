@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -76,8 +77,10 @@ IN_FIRMWARE = (
 )
 
 
-def compare_files(before: Path, after: Path) -> Comparison:
-    """Solve both sessions and lay them side by side.
+def compare_files(
+    before: Path, after: Path, *, solved: SessionSolution | None = None
+) -> Comparison:
+    """Solve both sessions and lay them side by side; the first may be ``solved`` with others.
 
     Raises RecordError for files that cannot be used or are the same session, CalibrationError for
     sessions with nothing in common.
@@ -88,6 +91,13 @@ def compare_files(before: Path, after: Path) -> Comparison:
             f"sessions {before} and {after}", "the same session", "two different ones"
         )
     machine, later_machine = earlier.opened.machine, later.opened.machine
+    numbers = [machine.serial_number, later_machine.serial_number]
+    if all(numbers) and numbers[0] != numbers[1]:
+        raise CalibrationError(
+            f"sessions {before} and {after}",
+            f"serial numbers of two machines, {numbers[0]} and {numbers[1]}",
+            "two sessions of one machine",
+        )
     # entered offsets may differ, that is what is compared; the geometry may where firmware holds it
     firmware = machine.name == later_machine.name and bool(
         machine.position_endstop_mm and later_machine.position_endstop_mm
@@ -99,7 +109,7 @@ def compare_files(before: Path, after: Path) -> Comparison:
             "two sessions of one machine",
         )
     sessions = earlier.session, later.session
-    first, second = (solve_sessions([session]) for session in sessions)
+    first, second = solved or solve_sessions(sessions[:1]), solve_sessions(sessions[1:])
     measured, again = (solved.solution.tabulated.keys() for solved in (first, second))
     if not measured & again:
         raise CalibrationError(
@@ -112,9 +122,10 @@ def compare_files(before: Path, after: Path) -> Comparison:
     remarks = [MOVED] if changed else []
     remarks += [IN_FIRMWARE] if _held(machine) != _held(later_machine) else []
     remarks += [record.unfinished for record in (earlier, later) if record.unfinished]
-    if not measured <= again:
+    if measured != again:
         remarks.append(
-            f"Only {len(measured & again)} of {len(measured)} differences are in both sessions; "
+            f"Only {len(measured & again)} of {len(measured | again)} differences are in both "
+            "sessions; "
             "each r.m.s. is over its own session."
         )
     return Comparison(first, second, (*remarks, *_order_remarks(earlier, later)), changed)
@@ -205,24 +216,57 @@ class Verification:
     decision: Decision | None
 
 
-def verify_files(before: Path, after: Path, tolerance_mm: float | None = None) -> Verification:
-    """Judge the second session by the first; the tolerance is that of its machine if not given.
+def verify_files(
+    before: Path,
+    after: Path,
+    tolerance_mm: float | None = None,
+    *,
+    solved: SessionSolution | None = None,
+) -> Verification:
+    """Judge the second session by the first, or by what it is ``solved`` to with others.
+
+    The tolerance is the given one, else that of the later machine file, else of the earlier.
 
     Raises as `compare_files`, and UsageError for a tolerance that is no positive length.
     """
     check_tolerance(tolerance_mm)
-    compared = compare_files(before, after)
+    compared = compare_files(before, after, solved=solved)
     if compared.changed:
         raise changed_between(f"sessions {before} and {after}", "solve")
     earlier, later = compared.before, compared.after
     common = later.sessions[0].opened.machine.set_at_zero or False
     if common:
         compared = replace(compared, remarks=(*compared.remarks, LESS_COMMON))
-    tolerance = tolerance_mm or later.sessions[0].opened.machine.tool_tolerance_mm
+    stated = (solved.sessions[0].opened.machine.tool_tolerance_mm for solved in (later, earlier))
+    tolerance = tolerance_mm or next(filter(None, stated), None)
     decision = None
     if tolerance:
         decision = decided_in(later.corrections.off_now, later.frame, tolerance)
-    return Verification(compared, _remaining(earlier, later, common=common), tolerance, decision)
+    offsets = _remaining(earlier, later, common=common)
+    compared = replace(compared, remarks=(*compared.remarks, *_record_remarks(compared, offsets)))
+    return Verification(compared, offsets, tolerance, decision)
+
+
+def _record_remarks(compared: Comparison, offsets: Sequence[RemainingOffset]) -> Iterator[str]:
+    """Whether the later record names what was entered: a history and later sessions take it so."""
+    earlier, later = (
+        solved.sessions[0].opened.machine for solved in (compared.before, compared.after)
+    )
+    if later.position_endstop_mm:
+        return
+    pairs = zip(earlier.entered_offsets_mm, later.entered_offsets_mm, offsets, strict=True)
+    forgotten = [
+        offset.name
+        for was_mm, named_mm, offset in pairs
+        if offset.entered == "as expected"
+        and abs(named_mm - was_mm - offset.before_mm) > offset.expanded_mm
+    ]
+    if forgotten:
+        yield (
+            f"The readings show that {', '.join(forgotten)} of {compared.before.names[0]} was "
+            f"entered, but not entered_offsets_mm of {compared.after.names[0]}: glidecal history "
+            "takes it for a change of the machine. Mend the machine file."
+        )
 
 
 def _remaining(

@@ -57,10 +57,15 @@ CLEARLY_BETTER = 0.9
 
 @dataclass(frozen=True)
 class EnteredValue:
-    """A number to enter, in its unit; d_rho and d_L are true less believed."""
+    """A number to enter, in its unit; d_rho and d_L are true less believed.
+
+    Uncertainties are of joint offsets that are entered alone, over all models (95 %); else None.
+    """
 
     value: float
     unit: str
+    standard_uncertainty: float | None = None
+    expanded_uncertainty: float | None = None
 
 
 @dataclass(frozen=True)
@@ -96,8 +101,14 @@ class SessionCorrection:
     def values(self) -> dict[str, EnteredValue]:
         """By name: d_rho of all joints, d_L and sizes of effects where they are not 0."""
         named = zip(PARAMETER_NAMES, self.model.parameters_mm, strict=True)
+        known: dict[str, tuple[float, float]] = {}
+        if self.uncertainties_mm is not None:
+            columns = (column.tolist() for column in self.uncertainties_mm)
+            known = dict(zip(JOINT_OFFSETS, zip(*columns, strict=True), strict=True))
         values = {
-            name: EnteredValue(float(mm), "mm") for name, mm in named if name in JOINT_OFFSETS or mm
+            name: EnteredValue(float(mm), "mm", *known.get(name, ()))
+            for name, mm in named
+            if name in JOINT_OFFSETS or mm
         }
         for effect in self.model.effects:
             if isinstance(effect, EffectInstance):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -13,7 +14,7 @@ from app.evaluating.correction import ControllerCorrections, Gain, SessionCorrec
 from app.evaluating.printer import PrinterChange, printer_change
 from app.evaluating.tolerance import check_tolerance
 from calib.arrays import FloatArray, Observations, descending, joined_values
-from calib.errors import NotIdentifiable, RecordError, UsageError
+from calib.errors import NotIdentifiable, RecordError, UsageError, check_choice
 from calib.identify.accuracy import Decision, decide
 from calib.identify.fit import plane_tilts_mrad
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
@@ -31,6 +32,7 @@ from calib.stats import normal_scores
 from calib.tripod.curves import LegCurve, leg_curves
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
 from protocols.data_table import DataTable, Tabled
+from protocols.machine import Frame
 from protocols.observations import indicator_figures, to_observations
 from protocols.record import Record, read_record
 from protocols.session import Distance, Reading, Session, measured_at
@@ -45,7 +47,7 @@ if TYPE_CHECKING:  # asked for by option only
     from calib.posterior.models import Posterior
     from calib.tripod.effects.effect import Effect
     from calib.tripod.workspace import PlaneMap
-    from protocols.machine import Frame, Machine
+    from protocols.machine import Machine
     from protocols.model_file import ModelFile
 
 
@@ -283,7 +285,11 @@ class SessionSolution(Tabled):
         return [(*visit, mm) for visit, mm in zip(self.visits, residuals_mm, strict=True)]
 
     def table(self, name: TableName = "parameters") -> DataTable:
-        """Parameters, differences or residuals, mm; the columns are those of docs/python.md."""
+        """Parameters, differences or residuals, mm; the columns are those of docs/python.md.
+
+        Raises UsageError for another name.
+        """
+        check_choice("table", name, TableName)
         if name == "parameters":
             estimates = {**self.solution.parameters, **self.solution.effect_sizes}
             return DataTable.of(Estimate, estimates, "parameter")
@@ -412,21 +418,32 @@ class Suspect:
 def records_in_order(paths: Sequence[Path]) -> list[Record]:
     """Records in the order in which they were measured. Raises RecordError."""
     records = [read_record(path) for path in paths]
-    return sorted(records, key=lambda r: (measured_at(r.opened), r.opened.at, r.digest))
+    return sorted(records, key=measured_first)
 
 
-def _refuse_twice(records: Sequence[Record]) -> None:
-    """One record, or one table that was imported twice: its readings would count double."""
-    path_by_content: dict[object, Path] = {}
-    for record in records if len(records) > 1 else ():
-        readings = record.session.readings
-        table = tuple((r.leg, r.axis, r.posture_mm, r.text, r.mount) for r in readings)
-        contents: list[tuple[object, str]] = [(record.digest, "the same session twice")]
-        if table and record.session.opened.origin == "imported":
+def measured_first(session: Record | Session) -> tuple[datetime, datetime, str]:
+    """The order in which sessions were measured: the last one tells how the machine is now."""
+    return measured_at(session.opened), session.opened.at, session.digest
+
+
+def refuse_twice(named: Sequence[tuple[object, Session]]) -> None:
+    """One session, or one table that was imported twice: its readings would count double.
+
+    Raises RecordError with their names.
+    """
+    name_by_content: dict[object, object] = {}
+    for name, session in named if len(named) > 1 else ():
+        table = tuple((r.leg, r.axis, r.posture_mm, r.text, r.mount) for r in session.readings)
+        contents: list[tuple[object, str]] = [
+            (session.digest or id(session), "the same session twice")
+        ]
+        if table and session.opened.origin == "imported":
             contents.append((table, "the same readings twice"))
         for content, words in contents:
-            if (first := path_by_content.setdefault(content, record.path)) is not record.path:
-                raise RecordError(f"session {record.path}", f"{words}, see {first}", "each once")
+            if content in name_by_content:
+                see = f"{words}, see {name_by_content[content]}"
+                raise RecordError(f"session {name}", see, "each once")
+            name_by_content[content] = name
 
 
 def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
@@ -436,7 +453,7 @@ def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
     Raises RecordError.
     """
     records = records_in_order(paths)
-    _refuse_twice(records)
+    refuse_twice([(record.path, record.session) for record in records])
     warnings = [record.unfinished for record in records if record.unfinished]
     sessions = [record.session for record in records]
     for session in sessions:
@@ -469,9 +486,17 @@ def solve_sessions(
     The correction is for a ``frame``, that of the machine file where none is named, and for a
     controller that ``holds`` so much. The sizes of a model's effects are fitted with the
     parameters, except those that it holds. Raises NotIdentifiable where the readings do not
-    determine what was asked for, UsageError for a model of another machine, RecordError as
-    `refuse_leaning_planes`.
+    determine what was asked for, UsageError for a model of another machine and for a word that is
+    none of those, RecordError as `refuse_leaning_planes`.
     """
+    for option, word, words in (
+        ("subset", subset, Subset),
+        ("method", method, Method),
+        ("frame", frame, Frame),
+    ):
+        check_choice(option, word, words)
+    if not sessions:
+        raise NotIdentifiable("sessions", "none", "at least one session")
     observed = to_observations(sessions)
     machine = sessions[0].opened.machine
     start = Model(machine.geometry())
@@ -568,8 +593,6 @@ def solve_files(
 ) -> SessionSolution:
     """`load_sessions` and `solve_sessions` in one step, with the warnings."""
     sessions, warnings = load_sessions(paths)
-    if not sessions:
-        raise NotIdentifiable("sessions", "none", "at least one session")
     model_file = None
     if model:
         from protocols.model_file import read_model_file

@@ -246,6 +246,8 @@ def what_if(
     that these readings cannot show, and for another number of values than it has; NotIdentifiable
     as `solve_sessions`.
     """
+    if not sessions:
+        raise NotIdentifiable("sessions", "none", "at least one session")
     beside = model or ModelFile(machine=sessions[0].opened.machine)
     entries = [*beside.effects, *_of_the_catalogue(sessions)]
     effect_id, _, where = effect.partition(":")

@@ -14,7 +14,7 @@ from app.measuring.simulated import planned_readings, simulated_session
 from calib.arrays import LEG_NAMES
 from calib.diagnosis.aliases import alias_map as compare
 from calib.diagnosis.results import AliasMap
-from calib.errors import ImpossibleRequest, UsageError
+from calib.errors import ImpossibleRequest, UsageError, check_choice
 from calib.noise.reading import IndicatorFigures, Noise
 from calib.posterior.correction import Holds, correction
 from calib.posterior.expected import ExpectedResult, expected_of
@@ -249,8 +249,11 @@ def next_measurement(
 
     The bound is that of a correction in a ``frame``, else that of the machine file, for what a
     controller ``holds``. Before any reading the parameters are known to the tolerances of the
-    machine file. Raises UsageError for files that do not fit each other.
+    machine file. Raises UsageError for files that do not fit each other, and for a word that is no
+    frame and none of `Holds`.
     """
+    check_choice("frame", frame, Frame)
+    check_choice("holds", holds, Holds)
     machine, model = _machine_and_model(sessions, machine_file, model_file)
     stated, words = stated_noise(machine, noise_mm)
     nominal = Model(model.geometry).with_effects(model.effects)

@@ -70,10 +70,9 @@ class CertifiedCalibration:
         return self.solved.sessions[0].opened.machine
 
     @property
-    def serial_number(self) -> str:
-        """Of the machine: as the order states it, else as the record does; empty: neither."""
-        ordered = self.head.order.machine.serial_number if self.head else None
-        return ordered or self.machine.serial_number or ""
+    def serial_numbers(self) -> tuple[str, ...]:
+        """As `serial_numbers_of`."""
+        return serial_numbers_of(self.head, self.machine.serial_number)
 
     @property
     def sessions(self) -> tuple[Session, ...]:
@@ -83,7 +82,11 @@ class CertifiedCalibration:
 
     @property
     def instruments(self) -> tuple[InstrumentIdentity, ...]:
-        """Each indicator once, whatever axes it measured along, then those of the order."""
+        """Each indicator once, whatever axes it measured along, then those of the order.
+
+        A table and a log do not name theirs: those of the order are in their place.
+        """
+        ordered = self.head.order.instrument if self.head else ()
         recorded = (
             InstrumentIdentity.model_construct(  # a record may hold what an order may not
                 name=indicator.profile,
@@ -93,8 +96,8 @@ class CertifiedCalibration:
             )
             for session in self.sessions
             for indicator in session.opened.instruments
+            if not (ordered and session.opened.origin == "imported")
         )
-        ordered = self.head.order.instrument if self.head else ()
         return tuple(dict.fromkeys((*recorded, *ordered)))
 
     @property
@@ -128,6 +131,12 @@ class CertifiedCalibration:
         return identification_of(self.head, self.digests)
 
 
+def serial_numbers_of(head: CertificateHead | None, recorded: str | None) -> tuple[str, ...]:
+    """Of the machine: as the order states it, and as the record does where that is another."""
+    ordered = head.order.machine.serial_number if head else None
+    return tuple(dict.fromkeys(filter(None, (ordered, recorded))))
+
+
 def identification_of(head: CertificateHead | None, digests: Sequence[str]) -> str:
     """What stands on every page: the number, or the beginning of the last record's digest."""
     return f"Certificate {head.order.number}" if head else f"Record {digests[-1][:DIGEST_LETTERS]}"
@@ -148,8 +157,10 @@ def calibration_of(
     solved = solve_files(paths, model=model)
     diagnosed = diagnose_sessions(solved.sessions, model=model)
     last = records_in_order(paths)[-1].path
-    verified = verify_files(last, after, tolerance_mm) if after else None
-    if tolerance_mm is None:
+    verified = verify_files(last, after, tolerance_mm, solved=solved) if after else None
+    if verified:  # one tolerance for all decisions
+        tolerance_mm = verified.tolerance_mm
+    elif tolerance_mm is None:
         tolerance_mm = solved.sessions[0].opened.machine.tool_tolerance_mm
     return CertifiedCalibration(solved, diagnosed, verified, tolerance_mm, head, model)
 

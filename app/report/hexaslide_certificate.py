@@ -14,7 +14,7 @@ from app.evaluating.hexaslide_calibration import (
 )
 from app.evaluating.posture_history import Decision
 from app.evaluating.tolerance import check_tolerance
-from app.report.certificate import CertificateHead, identification_of
+from app.report.certificate import CertificateHead, identification_of, serial_numbers_of
 from protocols.hexaslide_session import PostureSession, read_postures
 from protocols.record import Record
 
@@ -58,10 +58,9 @@ class CertifiedPostures:
         return None if self.tolerance_mm is None else decided(self.solved, self.tolerance_mm)
 
     @property
-    def serial_number(self) -> str:
-        """As the order states it, else the machine file; empty where neither does."""
-        ordered = self.head.order.machine.serial_number if self.head else None
-        return ordered or self.solved.source.machine.serial_number or ""
+    def serial_numbers(self) -> tuple[str, ...]:
+        """As `serial_numbers_of`."""
+        return serial_numbers_of(self.head, self.solved.source.machine.serial_number)
 
     @property
     def sessions(self) -> tuple[tuple[PostureSession, Record], ...]:

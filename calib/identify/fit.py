@@ -138,15 +138,16 @@ def exact_fit(
     free: tuple[int, ...],
     weight: FloatArray,
     sizes: tuple[Size, ...] = (),
+    begin: Model | None = None,
 ) -> Fit:
     """Nonlinear weighted least squares on raw readings through the exact pipeline.
 
-    ``sizes`` of the model's effects are fitted with the parameters. Raises NotIdentifiable where
-    the legs cannot meet or no optimum is found.
+    ``sizes`` of the model's effects are fitted with the parameters, from values of ``begin`` on.
+    Raises NotIdentifiable where the legs cannot meet or no optimum is found.
     """
     if model.effects:
         nothing = np.full(len(free) + len(sizes), np.inf)
-        fitted = _at_rest(model, observed, free, weight, sizes, nothing).model
+        fitted = _at_rest(model, observed, free, weight, sizes, nothing, begin).model
     else:
         optimum = PlainFit.of(model, observed, free, weight).solve(observed.value_mm[:, None])
         if not optimum.converged[0]:
@@ -163,6 +164,7 @@ def prior_fit(
     weight: FloatArray,
     tolerance_mm: FloatArray,
     sizes: tuple[Size, ...] = (),
+    begin: Model | None = None,
 ) -> Fit:
     """All six parameters, each held to the model's value by its tolerance ``(6,)``, mm.
 
@@ -172,7 +174,7 @@ def prior_fit(
     """
     free = tuple(range(len(PARAMETER_NAMES)))
     tolerance = np.concatenate([tolerance_mm, np.full(len(sizes), np.inf)])
-    return _at_rest(model, observed, free, weight, sizes, tolerance)
+    return _at_rest(model, observed, free, weight, sizes, tolerance, begin)
 
 
 def _at_rest(
@@ -182,10 +184,15 @@ def _at_rest(
     weight: FloatArray,
     sizes: tuple[Size, ...],
     tolerance: FloatArray,
+    begin: Model | None = None,
 ) -> Fit:
-    """Gauss and Newton's steps until nothing moves; values have tolerances ``(k,)``, some none."""
+    """Gauss and Newton's steps until nothing moves; values have tolerances ``(k,)``, some none.
+
+    They begin at the values of ``begin``, else at those of the model, which tolerances are about.
+    """
     precision = np.diag(tolerance**-2.0)
-    base = values = _values_of(model, free, sizes)
+    base = _values_of(model, free, sizes)
+    values = base if begin is None else _values_of(begin, free, sizes)
     within = tolerance[: len(free)]
     least = np.where(np.isfinite(within), within, NO_TOLERANCE_MM)
     least = np.append(least, [size.tolerance for size in sizes])

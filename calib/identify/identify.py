@@ -125,7 +125,7 @@ def identify(
             "the set 'with-tolerances'", "no noise to weigh them with", "both of them"
         )
     within_mm = tolerance_mm if within_tolerances else None
-    efficient = _efficient_fit(case, subset, method, weight, within_mm)
+    efficient = _efficient_fit(case, subset, method, weight, tolerance_mm)
     papers = method == "linear" and weights == "equal" and not within_tolerances
     fit = papers_fit(model, visited, free, measured) if papers else efficient
     _refuse_impossible(model, fit)
@@ -196,20 +196,26 @@ def _efficient_fit(
     subset: Subset,
     method: Method,
     weight: FloatArray,
-    within_mm: FloatArray | None,
+    tolerance_mm: FloatArray,
 ) -> Fit:
     """The best estimate of its kind, refused where some combination is not seen."""
     model, visited, noise, sizes = case.model, case.visited, case.noise, case.sizes
     free = SUBSETS[subset]
+    within_mm = tolerance_mm if subset == "with-tolerances" else None
+    begin = model
     if sizes:  # no fit can begin with a size that nothing shows
-        _seen(case, weight, design_of(model, visited, free, sizes), free, noise, within_mm)
+        try:
+            _seen(case, weight, design_of(model, visited, free, sizes), free, noise, within_mm)
+        except NotIdentifiable:  # some act only where the machine is off
+            begin = prior_fit(model, visited, weight, tolerance_mm).model
+            _seen(case, weight, design_of(begin, visited, free, sizes), free, noise, within_mm)
     if within_mm is not None:
-        return prior_fit(model, visited, weight, within_mm, sizes)
+        return prior_fit(model, visited, weight, within_mm, sizes, begin)
     linear = weighted_fit(model, visited, free, weight)
     refuse_unseen(_seen(case, weight, linear.design, free, noise), subset)
     if method == "linear":
         return linear
-    exact = exact_fit(model, visited, free, weight, sizes)
+    exact = exact_fit(model, visited, free, weight, sizes, begin)
     refuse_unseen(_seen(case, weight, exact.design, free, noise), subset)
     return exact
 

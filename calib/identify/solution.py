@@ -60,10 +60,11 @@ class FittedSize:
 class Estimate:
     """A value that was identified, in its unit; the expanded uncertainty is for 95 %."""
 
-    value: Annotated[float, Quantity("value", "", "measured", 4, "true less believed")]
-    standard_uncertainty: Annotated[float, Quantity(words="from the noise of the readings")]
+    value: Annotated[float, Quantity("value", "", "measured", 0, "true less believed")]
+    standard_uncertainty: Annotated[float, Quantity(words="parts outside the set as stated")]
     expanded_uncertainty: Annotated[
-        float, Quantity("± U (95 %)", "", "uncertainty", 4, "half width of the 95 % interval")
+        float,
+        Quantity("± U (95 %)", "", "uncertainty", 0, "for 95 %, parts outside the set as stated"),
     ]
     coverage_factor: Annotated[float, Quantity(words="expanded over standard uncertainty")]
     unit: Annotated[str, Quantity("unit", words="unit of value and uncertainties")]
@@ -209,6 +210,12 @@ class Solution:
             "steps of the display": factors * np.sqrt(rounding),
             "parts within tolerance": np.asarray(tolerances),
         }
+
+    @property
+    def noise_expanded_mm(self) -> FloatArray:
+        """Expanded uncertainties ``(k,)`` from noise alone, without parts within tolerance, mm."""
+        noise_mm2 = self.covariance_mm2.diagonal() - self.held_mm2.diagonal()
+        return np.asarray(self.coverage_factors * np.sqrt(np.maximum(noise_mm2, 0.0)))
 
     @property
     def beyond_tolerance(self) -> tuple[tuple[str, float, float], ...]:

@@ -92,6 +92,39 @@ def test_what_is_doubtful_is_a_warning_and_what_is_wrong_an_error(tmp_path: Path
         glidecal.solve(tmp_path / "nowhere.jsonl")
 
 
+def test_sessions_count_once_and_in_the_order_of_measuring(tmp_path: Path) -> None:
+    """The joint was moved, and no record says so: values are those of the later session."""
+    session, other = glidecal.load(SESSION), glidecal.simulate(seed=2)
+    for twice in ((session, session), (SESSION, session), (session, SESSION), (other, other)):
+        with pytest.raises(glidecal.GlidecalError, match="the same session twice"):
+            glidecal.solve(*twice)
+    paths = tmp_path / "a.jsonl", tmp_path / "b.jsonl"
+    for path, offset_mm in zip(paths, (0.5, 0.0), strict=True):
+        model = tmp_path / "model.json"
+        offsets = {"d_rho_x": offset_mm, "d_rho_y": 0.0, "d_rho_z": 0.0}
+        model.write_text(
+            json.dumps({"schema": "glidecal.model/1", "parameters_mm": offsets}), "utf-8"
+        )
+        assert command("simulate", "--model", model, "-o", path).status == 0
+    later, earlier = map(glidecal.load, reversed(paths))
+    for pair in ((earlier, later), (later, earlier), (later, paths[0]), (*reversed(paths),)):
+        offset = glidecal.solve(*pair).correction.values["d_rho_x"].value
+        assert offset == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_word_that_is_none_of_the_choices_is_refused() -> None:
+    for options in ({"frame": "aligend"}, {"subset": "all"}, {"method": "fast"}):
+        with pytest.raises(glidecal.GlidecalError, match="Allowed: "):
+            glidecal.solve(SESSION, **options)  # type: ignore[arg-type]
+    with pytest.raises(glidecal.GlidecalError, match="parameters, differences, residuals"):
+        glidecal.solve(SESSION).to_frame("residual")  # type: ignore[arg-type]
+    for options in ({"frame": "aligend"}, {"holds": "all"}):
+        with pytest.raises(glidecal.GlidecalError, match="Allowed: "):
+            glidecal.plan(SESSION, **options)  # type: ignore[arg-type]
+    with pytest.raises(glidecal.GlidecalError, match="at least one session"):
+        glidecal.solve()
+
+
 def test_a_table_is_loaded_as_the_import_does(tmp_path: Path) -> None:
     table = tmp_path / "readings.csv"
     table.write_text("leg,axis,displacement_mm,value_mm,who\nx,y,0,0.1,a\nx,y,60,0.2,a\n", "utf-8")

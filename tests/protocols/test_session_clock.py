@@ -124,3 +124,17 @@ def test_times_that_go_back_are_told_and_not_used(tmp_path: Path) -> None:
     assert np.isnan(to_observations(sessions).time_s).all()
     session = fold([opened(), *readings[:2]])
     assert to_observations([session]).time_s.tolist() == [10.0, 20.0]
+
+
+@pytest.mark.skipif(not hasattr(time, "tzset"), reason="needs time.tzset")
+def test_a_day_is_that_of_the_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Thirteen hours ahead of UTC it is tomorrow there, on certificates wherever they are made."""
+    with monkeypatch.context() as patch:
+        patch.setenv("TZ", "THERE-13")
+        time.tzset()
+        line = Noted(text="measured before breakfast").model_dump_json()
+    time.tzset()
+    event = Noted.model_validate_json(line)
+    assert event.at.utcoffset() == timedelta(hours=13)
+    assert event.at.date() == (event.at.astimezone(UTC) + timedelta(hours=13)).date()
+    assert abs(datetime.now(UTC) - event.at) < timedelta(minutes=1)

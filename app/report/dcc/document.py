@@ -86,13 +86,14 @@ class RecordedSession:
 class CertificateContents:
     """What a certificate says of a calibrated machine, whichever kind it is.
 
-    ``conformities`` are what was judged, each with its decision, against a ``tolerance_mm`` of what
-    is ``moved``, the tool or the platform.
+    ``serial_numbers`` are of the machine: a second one is that of the record, where the order
+    states another. ``conformities`` are what was judged, each with its decision, against a
+    ``tolerance_mm`` of what is ``moved``, the tool or the platform.
     """
 
     head: CertificateHead
     machine: str
-    serial_number: str
+    serial_numbers: Sequence[str]
     sessions: Sequence[RecordedSession]
     instruments: Sequence[InstrumentIdentity]
     traceability: str

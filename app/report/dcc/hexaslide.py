@@ -36,7 +36,7 @@ def contents_of(certified: CertifiedPostures) -> CertificateContents:
     return CertificateContents(
         head=head,
         machine=result.solved.source.machine.name,
-        serial_number=certified.serial_number,
+        serial_numbers=certified.serial_numbers,
         sessions=[_recorded(session, record) for session, record in certified.sessions],
         instruments=head.order.instrument,
         traceability="Lengths and angles are those of the instruments. Each names its "

@@ -26,7 +26,7 @@ def contents_of(calibration: CertifiedCalibration) -> CertificateContents:
     return CertificateContents(
         head=check_head(calibration.head),
         machine=calibration.machine.name,
-        serial_number=calibration.serial_number,
+        serial_numbers=calibration.serial_numbers,
         sessions=[*map(_recorded, calibration.sessions)],
         instruments=calibration.instruments,
         traceability="Lengths are those of the indicators. Each names its calibration "
@@ -69,7 +69,9 @@ def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
     columns = (view.values_mm, view.expanded_mm, view.uncertainty_mm)
     yield Result(
         f"Identified parameters, set {view.subset}",
-        "The uncertainty is of the noise of the readings alone; parts may be off within their "
+        "The uncertainty is of the noise of the readings and of parts within their tolerance."
+        if view.subset == "with-tolerances"
+        else "The uncertainty is of the noise of the readings alone; parts may be off within their "
         "tolerance beside it.",
         [
             value_in_mm(name, value, (wide, u))

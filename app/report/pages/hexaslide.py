@@ -36,7 +36,7 @@ from app.report.text.tables import new_table, signed
 from app.version import program
 from protocols.hexaslide import Chain, HexaSlideMachine, machine_like
 from protocols.hexaslide_session import PostureSession
-from protocols.session import measured_words
+from protocols.session import day_words
 
 if TYPE_CHECKING:  # of a digital certificate alone
     from app.report.dcc.document import CertificateContents
@@ -178,8 +178,8 @@ def _object(certified: CertifiedPostures) -> Table:
     counts = (f"{len(session.readings)}" for session, _ in certified.sessions)
     table = new_table("object", shortened(opened[0].machine.full_name), left=2)
     rows: list[tuple[str, Iterable[str | None]]] = [
-        *ordered_rows(certified.head, certified.serial_number),
-        ("measured", dict.fromkeys(map(measured_words, opened))),
+        *ordered_rows(certified.head, certified.serial_numbers),
+        ("measured", dict.fromkeys(map(day_words, opened))),
         ("operator", dict.fromkeys(start.operator for start in opened)),
         ("temperature", dict.fromkeys("" if c is None else f"{c:g} °C" for c in celsius)),
         ("procedure", dict.fromkeys(start.procedure.name for start in opened)),

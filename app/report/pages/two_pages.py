@@ -25,7 +25,7 @@ from app.report.text.result import DECISION_RULE, decided, offsets_table, what_t
 from app.report.text.tables import new_table
 from calib.printable import printable
 from protocols.certificate import InstrumentIdentity
-from protocols.session import measured_words
+from protocols.session import day_words
 
 LONGEST, LONGEST_ENTRY, LONGEST_CELL = 220, 60, 28
 """Letters of a sentence, an entry and a narrow cell on these pages; the annex has the whole."""
@@ -107,8 +107,8 @@ def _object(calibration: CertifiedCalibration) -> Table:
     procedures = (start.procedure.name if start.procedure else None for start in opened)
     count = sum(len(session.readings) for session in sessions)
     rows: list[tuple[str, Iterable[str | None]]] = [
-        *ordered_rows(calibration.head, calibration.serial_number),
-        ("measured", dict.fromkeys(map(measured_words, opened))),
+        *ordered_rows(calibration.head, calibration.serial_numbers),
+        ("measured", dict.fromkeys(map(day_words, opened))),
         ("operator", dict.fromkeys(start.operator for start in opened)),
         ("temperature", dict.fromkeys(_temperature(start.temperature_c) for start in opened)),
         ("procedure", dict.fromkeys(procedures)),
@@ -125,12 +125,13 @@ def _object(calibration: CertifiedCalibration) -> Table:
 
 
 def ordered_rows(
-    head: CertificateHead | None, serial_number: str
+    head: CertificateHead | None, serial_numbers: Sequence[str]
 ) -> list[tuple[str, Iterable[str | None]]]:
     """Which machine it is, for whom and where, as the order of a certificate states it."""
     rows: list[tuple[str, Iterable[str | None]]] = []
-    if serial_number or head:
-        rows.append(("serial number", [serial_number]))
+    if serial_numbers or head:
+        rows.append(("serial number", serial_numbers[:1]))
+    rows += [("serial number in the record", [number]) for number in serial_numbers[1:]]
     if head:
         order = head.order
         stated, customer = order.machine, order.customer

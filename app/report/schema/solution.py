@@ -9,6 +9,7 @@ from typing import Literal
 
 from app.evaluating.comparison import BothValues, Comparison, RemainingOffset, Verification
 from app.evaluating.correction import EnteredValue, Gain
+from app.evaluating.printer import PrinterChange, TowerChange, ValueChange
 from app.evaluating.solution import (
     IsolatedReadings,
     Judgement,
@@ -26,6 +27,7 @@ from app.report.schema.document import (
     by_name,
     finite,
     holes,
+    maybe,
     numbers,
     schema,
 )
@@ -52,7 +54,7 @@ from protocols.session import Session, measured_at
 
 
 class Covariance(Report):
-    """Of the parameters, from the noise of the readings."""
+    """Of the parameters, from the noise of the readings; with-tolerances: of the parts, too."""
 
     of = Source[Solution]()
     names: tuple[str, ...] = of(lambda r: r.names)
@@ -113,6 +115,28 @@ class FramesEntry(Report):
     machine_mm: float = of(lambda r: r["machine"], "in the machine's own frame")
 
 
+class TowerEntry(Report):
+    """What the firmware of a printer holds of a tower now, and what it is to hold."""
+
+    of = Source[TowerChange]()
+    tower: str = of(lambda r: r.tower)
+    endstop_mm: ValueChange = of(lambda r: r.endstop)
+    arm_mm: ValueChange = of(lambda r: r.arm)
+    angle_deg: ValueChange = of(lambda r: r.angle)
+    travel: ValueChange | None = of(
+        lambda r: r.travel, "rotation_distance, mm, or steps per mm; null: it stays"
+    )
+
+
+class FirmwareEntry(Report):
+    """What the firmware of a printer holds now, and what it is to hold."""
+
+    of = Source[PrinterChange]()
+    towers: tuple[TowerEntry, ...] = of(lambda r: tuple(map(TowerEntry.of, r.towers)))
+    radius_mm: ValueChange = of(lambda r: r.radius)
+    bound: FramesEntry = of(lambda r: FramesEntry.of(r.off.bound_mm), "with all of it entered")
+
+
 class CorrectionEntry(Report):
     """What is entered in the controller: what every screen, report and export shows first."""
 
@@ -129,6 +153,11 @@ class CorrectionEntry(Report):
     bound_now: FramesEntry = of(
         lambda r: FramesEntry.of(r.correction.off_now.bound_mm),
         "with the present values of the controller",
+    )
+    firmware: FirmwareEntry | None = of(
+        lambda r: maybe(FirmwareEntry.of, r.printer_change),
+        "of a printer: what is entered in place of values, and what its tolerance is judged by",
+        asked=True,
     )
     left_out: tuple[LeftOut, ...] = of(lambda r: r.correction.left_out)
     others: tuple[Gain, ...] = of(lambda r: r.others, "in the same frame")
@@ -177,7 +206,10 @@ class MeasuredSession(Report):
 
     of = Source[Session]()
     origin: str = of(lambda r: r.opened.origin)
-    begun: datetime = of(lambda r: measured_at(r.opened))
+    begun: datetime = of(
+        lambda r: measured_at(r.opened),
+        "of an imported table the stated day, else when it was imported",
+    )
     operator: str = of(lambda r: r.opened.operator)
     temperature_c: float | None = of(lambda r: r.opened.temperature_c)
     indicators: tuple[Instrument, ...] = of(lambda r: r.opened.instruments)
@@ -317,7 +349,7 @@ class VerificationReport(Report):
     after: str = of(lambda r: r.compared.after.names[0])
     frame: Frame = of(lambda r: r.compared.after.frame)
     bound_expected_mm: float = of(
-        lambda r: r.compared.before.correction.bound_mm, "promised by the first session, 95 %"
+        lambda r: r.compared.before.entered.bound_mm, "promised by the first session, 95 %"
     )
     bound_found_mm: float = of(
         lambda r: r.compared.after.correction.now_mm, "by the second one; what is decided by"
@@ -326,7 +358,7 @@ class VerificationReport(Report):
     decision: Decision | None = of(lambda r: r.decision, "null: no tolerance")
     offsets: tuple[RemainingOffset, ...] = of(lambda r: r.offsets)
     something_missing: bool = of(
-        lambda r: r.compared.after.solution.lacks_fit, "more than noise is left: diagnose"
+        lambda r: r.compared.after.lacks_something, "more than noise is left: diagnose"
     )
     remarks: tuple[str, ...] = of(lambda r: r.compared.remarks)
 

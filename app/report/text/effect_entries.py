@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from app.report.text.tables import wrapped
+from calib.quantity import decimals
 from protocols.effect_entries import EffectEntry, HistoryEntry
 
 
@@ -13,9 +14,12 @@ def size_lines(effect: EffectEntry) -> list[str]:
     lines = []
     for name, size in effect.parameters.items():
         spread = size.standard_uncertainty
-        about = "" if spread is None else f" ± {spread:.2g}"
+        value_words = f"{size.value:+.4g}"
+        if spread:
+            places = decimals(spread)
+            value_words = f"{size.value:+.{places}f} ± {spread:.{places}f}"
         held_words = ", held" if size.held else ""
-        lines.append(f"    {name} = {size.value:+.4g}{about} {size.unit}{held_words}")
+        lines.append(f"    {name} = {value_words} {size.unit}{held_words}")
     return lines
 
 

@@ -211,7 +211,7 @@ def parameter_table(solution: Solution) -> Table:
     """Identified parameters with their uncertainties, and how much of these is noise."""
     table = new_table("parameter", "value, mm", "± U (95 %), mm", "of noise, mm")
     every_mm = solution.expanded_with_tolerances_mm
-    rows = (solution.names, solution.values_mm, every_mm, solution.expanded_mm)
+    rows = (solution.names, solution.values_mm, every_mm, solution.noise_expanded_mm)
     decimals = decimals_for(float(solution.expanded_mm.min()), 4)
     for name, value, expanded, noise in zip(*rows, strict=True):
         table.add_row(name, signed(value, decimals), uncertain(expanded, 4), uncertain(noise, 4))

@@ -92,6 +92,18 @@ def test_remarks_tell_what_does_not_fit(samples: Path, tmp_path: Path) -> None:
     assert len(comparison.before.solution.differences.published_rows) == 12
 
 
+def test_differences_of_one_session_alone_are_pointed_at(samples: Path, tmp_path: Path) -> None:
+    """Whichever of the two has them: each r.m.s. is over other differences."""
+    lines = (samples / "tables" / "experiment_2_twelve.csv").read_text("utf-8").splitlines()
+    table, fewer = tmp_path / "fewer.csv", tmp_path / "fewer.jsonl"
+    table.write_text("\n".join(line for line in lines if not line.startswith("z,")), "utf-8")
+    assert glidecal("import", table, "-o", fewer).status == 0
+    twelve = samples / "experiment_3_twelve.jsonl"
+    for pair in ((fewer, twelve), (twelve, fewer)):
+        (remark,) = compare_files(*pair).remarks
+        assert remark.startswith("Only 8 of 12 differences are in both sessions; each r.m.s.")
+
+
 def test_partner_is_looked_for_beside_the_session(tmp_path: Path) -> None:
     before = tmp_path / "before.jsonl"
     assert partner_of(tmp_path / "after.jsonl", "before.jsonl") is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -78,6 +79,27 @@ def test_the_documented_effect_in_a_model(folder: Path, tmp_path: Path) -> None:
     assert run.status == 0, run.err
     (folder / "mine.py").unlink()
     assert "'bent_arm'" in refused(3, "simulate", "--model", path, "-o", tmp_path / "t.jsonl")
+
+
+def test_the_documented_effect_is_adopted_and_fitted(folder: Path, tmp_path: Path) -> None:
+    """It acts only where readings are not 0: a nominal machine does not show it."""
+    write(folder, documented())
+    model, session = tmp_path / "model.json", tmp_path / "s.jsonl"
+    offsets = {"d_rho_x": 1.0, "d_rho_y": -0.8, "d_rho_z": 0.6}
+    model.write_text(json.dumps({"schema": "glidecal.model/1", "parameters_mm": offsets}))
+    hidden = ("--effect", "bent_arm:all", "--size", "200", "--protocol", "two-station")
+    assert glidecal("simulate", "--model", model, *hidden, "-o", session).status == 0
+    adopted = tmp_path / "adopted.json"
+    run = glidecal("diagnose", session, "--adopt", adopted, "--candidate", "bent_arm:all")
+    assert run.status == 0, run.err
+    stated = json.loads(adopted.read_text("utf-8"))["parameters_mm"]
+    assert stated["d_rho_x"] == pytest.approx(1.0, abs=0.02)
+    for subset in ("joint-offsets", "with-tolerances"):
+        run = glidecal("solve", session, "--model", adopted, "--subset", subset, "--json")
+        assert run.status == 0, run.err
+        size = max(json.loads(run.out)["effects"], key=lambda entry: abs(entry["value"]))
+        assert abs(abs(size["value"]) - 200.0) < 3.0 * size["standard_uncertainty"]
+        assert size["standard_uncertainty"] < 20.0
 
 
 def test_the_documented_effect_in_the_demonstration(folder: Path, tmp_path: Path) -> None:

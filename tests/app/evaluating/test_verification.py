@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from app.evaluating.comparison import entered_word
+from protocols.journal import write_whole
+from protocols.record import read_record
 from tests.app.cli import glidecal, refused
 from tests.conftest import first_quick
 
@@ -112,3 +114,31 @@ def test_bad_pairs(tmp_path: Path) -> None:
     assert "the same session" in refused(3, "verify", first, first)
     second = session(tmp_path, "b", 1.0, 2)
     assert "a positive length" in refused(2, "verify", first, second, "--tolerance", "0")
+
+
+def of_machine(source: Path, target: Path, **changes: object) -> Path:
+    """The same readings of a machine file that states something else."""
+    record = read_record(source)
+    machine = record.opened.machine.model_copy(update=changes)
+    opened = record.opened.model_copy(update={"machine": machine})
+    write_whole(target, opened, list(record.events[1:-1]))
+    return target
+
+
+def test_another_machine_of_the_same_kind_verifies_nothing(tmp_path: Path) -> None:
+    first, second = session(tmp_path, "a", 1.0, 1), session(tmp_path, "b", 0.0, 2)
+    numbered = of_machine(first, tmp_path / "first.jsonl", serial_number="OG-1")
+    other = of_machine(second, tmp_path / "second.jsonl", serial_number="OG-2")
+    words = refused(5, "verify", numbered, other)
+    assert "serial numbers of two machines, OG-1 and OG-2" in words
+    assert glidecal("verify", numbered, second, "--tolerance", "0.05").status == 0
+
+
+def test_a_record_that_does_not_name_what_was_entered_is_pointed_at(tmp_path: Path) -> None:
+    first, second = session(tmp_path, "a", 1.0, 1), session(tmp_path, "b", 0.0, 2)
+    forgotten = json.loads(glidecal("verify", first, second, "--json").out)["remarks"]
+    (remark,) = forgotten
+    assert "d_rho_x, d_rho_y, d_rho_z of a.jsonl was entered, but not entered_offsets_mm" in remark
+    rounded = tuple(round(mm, 2) for mm in D_RHO)
+    named = of_machine(second, tmp_path / "named.jsonl", entered_offsets_mm=rounded)
+    assert json.loads(glidecal("verify", first, named, "--json").out)["remarks"] == []

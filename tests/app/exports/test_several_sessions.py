@@ -37,7 +37,9 @@ def test_bars_and_plate_in_one_export(tmp_path: Path) -> None:
     assert exported["source"] == "bars.jsonl, plate-rings.jsonl"
     for name in ("d_rho_x", "d_rho_y", "d_rho_z"):
         expected = solved["correction"]["values"][name]
-        assert exported["parameters"][name]["value"] == pytest.approx(expected["value"], abs=1e-12)
+        parameter = exported["parameters"][name]
+        for key in ("value", "standard_uncertainty", "expanded_uncertainty"):
+            assert parameter[key] == pytest.approx(expected[key], abs=1e-12)
     bound = solved["correction"]["bound"]["touched_off_mm"]
     assert f"at most {bound:.4f} mm with these values" in exported["cautions"][0]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from app.evaluating.solution import solve_files
-from app.report.certificate import read_head
+from app.report.certificate import calibration_of, read_head
 from app.report.pages.contents import report_of
 from app.report.pages.report import html_of, pdf_of
 from app.report.text.tables import signed, uncertain
@@ -135,6 +135,38 @@ def test_only_sessions_of_certified_indicators_are_traceable(tmp_path: Path) -> 
         "Lengths are traceable to the SI through these certificates of the indicators."
     )
     assert str(unknown.parts[-1]).startswith("Traceability to the SI is not shown")
+
+
+def test_a_table_is_traceable_through_the_instruments_of_the_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A table of readings is no instrument; its days, both of them, are on the first page."""
+    table = SAMPLES / "tables" / "experiment_2_six.csv"
+    before, after = tmp_path / "before.jsonl", tmp_path / "after.jsonl"
+    for path, day in ((before, "2026-11-01"), (after, "2026-11-02")):
+        run = glidecal("import", table, "-o", path, "--measured-on", day)
+        assert run.status == 0, run.err
+    indicator = '[[instrument]]\nname = "dial"\ncertificate = "K-88"\n'
+    order = laboratory(tmp_path, monkeypatch, order=f"{ORDER}\n{indicator}")
+    calibration = calibration_of([before], after=after, head=read_head(order))
+    assert [instrument.name for instrument in calibration.instruments] == ["dial"]
+    html = html_of(report_of([before], after=after, head=read_head(order)))
+    assert "Lengths are traceable to the SI" in html
+    assert re.search(r"2026-11-01, 2026-11-02\s*<", html)
+    unnamed = calibration_of([before], head=None)
+    assert [instrument.name for instrument in unnamed.instruments] == ["table"]
+
+
+def test_several_sessions_are_verified_by_the_values_that_were_entered(tmp_path: Path) -> None:
+    """One number on both pages: that of all sessions, not of the last one alone."""
+    paths = [tmp_path / f"{seed}.jsonl" for seed in (1, 2, 3)]
+    for seed, path in enumerate(paths, start=1):
+        run = glidecal("simulate", "-o", path, "--seed", f"{seed}", "--scatter", "0.02")
+        assert run.status == 0, run.err
+    calibration = calibration_of(paths[:2], after=paths[2])
+    assert calibration.verified is not None
+    stated = [offset.before_mm for offset in calibration.verified.offsets]
+    assert stated == pytest.approx(calibration.solved.joint_offsets_mm, abs=1e-12)
 
 
 @pytest.mark.parametrize(

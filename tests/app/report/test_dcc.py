@@ -18,6 +18,8 @@ from app.evaluating.solution import solve_files
 from app.report.certificate import calibration_of, read_head
 from app.report.dcc.document import UNITS, certificate_xml
 from app.report.dcc.legs import contents_of
+from app.report.pages.contents import report_of
+from app.report.pages.report import html_of
 from protocols.journal import write_whole
 from protocols.record import read_record
 from tests.app.cli import glidecal, refused
@@ -95,6 +97,50 @@ def test_a_verified_one_is_valid(
     root = ElementTree.fromstring(xml)
     decisions = root.findall(".//dcc:metaData/dcc:conformity", NAMES)
     assert [decision.text for decision in decisions] == ["fail", "pass", "pass"]
+
+
+def with_tolerance(source: Path, target: Path, tolerance_mm: float | None) -> Path:
+    """The same readings of a machine whose file states this tolerance."""
+    record = read_record(source)
+    machine = record.opened.machine.model_copy(update={"tool_tolerance_mm": tolerance_mm})
+    opened = record.opened.model_copy(update={"machine": machine})
+    write_whole(target, opened, list(record.events[1:-1]))
+    return target
+
+
+@pytest.mark.parametrize(
+    ("earlier_mm", "later_mm", "judged_mm"),
+    [(0.05, 0.001, 0.001), (None, 0.5, 0.5), (0.5, None, 0.5)],
+)
+def test_every_decision_is_against_the_tolerance_beside_it(
+    earlier_mm: float | None, later_mm: float | None, judged_mm: float, order: Path, tmp_path: Path
+) -> None:
+    before = with_tolerance(SIMULATED, tmp_path / "before.jsonl", earlier_mm)
+    after = with_tolerance(later_session(tmp_path), tmp_path / "later.jsonl", later_mm)
+    calibration = calibration_of([before], after=after, head=read_head(order))
+    root = ElementTree.fromstring(certificate_xml(contents_of(calibration)))
+    tolerances = root.findall(".//dcc:measurementMetaData//si:value", NAMES)
+    assert [float(value.text or "nan") for value in tolerances] == [judged_mm] * 3
+    decided = root.findall(".//dcc:metaData/dcc:declaration/dcc:content", NAMES)
+    assert decided[-1].text == ("pass" if judged_mm == 0.5 else "undecided")
+    assert f"Tolerance: {judged_mm:g} mm" in calibration.decision
+    assert f"tolerance {judged_mm:g} mm" in calibration.judged_words
+
+
+def test_another_serial_number_in_the_record_is_shown(order: Path, tmp_path: Path) -> None:
+    """The order may mend a number, or be that of another machine: who signs must see both."""
+    record = read_record(SIMULATED)
+    path = tmp_path / "numbered.jsonl"
+    for number, words in (("OG-1", ["OG-0007", "OG-1"]), ("OG-0007", ["OG-0007"])):
+        machine = record.opened.machine.model_copy(update={"serial_number": number})
+        opened = record.opened.model_copy(update={"machine": machine})
+        write_whole(path, opened, list(record.events[1:-1]))
+        root = ElementTree.fromstring(written(order, path))
+        stated = root.findall(".//dcc:item/dcc:identifications/dcc:identification/dcc:value", NAMES)
+        assert [value.text for value in stated][1:] == words
+        html = html_of(report_of([path], head=read_head(order)))
+        assert ("serial number in the record" in html) == (number == "OG-1")
+        path.unlink()
 
 
 @LONG

@@ -24,6 +24,7 @@ from tests.app.exports.test_imported_printers import (
     heights,
     session_of,
 )
+from tests.app.report.test_schemas import kept
 from tests.conftest import LONG
 from tests.protocols.printers.printers import printer_cfg
 from tests.protocols.printers.test_firmwares import m503, real_eeprom
@@ -80,6 +81,32 @@ def test_how_even_the_plate_would_be_is_what_the_firmware_would_show(tmp_path: P
     assert figure(text, "The heights of the plate differ by") == pytest.approx(now, abs=5e-4)
     assert figure(text, "the same contacts would differ by") == pytest.approx(then, abs=5e-4)
     assert "No place was probed twice" in text
+
+
+def test_json_has_what_the_page_has(tmp_path: Path) -> None:
+    """Values of firmware with their bound, which decides, and which a verification expects."""
+    before = session_of(tmp_path, m503(true.OFF_IN_ALL, 2))
+    text, out = told(before), glidecal("solve", before, "--json", "--tolerance", "1").out
+    assert kept(out) == "solution"
+    correction = json.loads(out)["correction"]
+    firmware = correction["firmware"]
+    for tower in firmware["towers"]:
+        entries = (tower[key] for key in ("endstop_mm", "arm_mm", "angle_deg"))
+        figures = [entry[when] for entry in entries for when in ("now", "then")]
+        assert figures == pytest.approx(rows(text)[tower["tower"]], abs=5.1e-4)
+    shown = re.findall(r"touched off: a shift is free +(\S+) +(\S+)", text)
+    bounds = correction["bound_now"], firmware["bound"]
+    for words, bound in zip(*shown, bounds, strict=True):
+        assert float(words) == pytest.approx(bound["touched_off_mm"], rel=0.05)
+    (tmp_path / "later").mkdir()
+    after = session_of(tmp_path / "later", m503(true.Hidden(), 2))
+    report = json.loads(glidecal("verify", before, after, "--json").out)
+    assert report["bound_expected_mm"] == firmware["bound"]["touched_off_mm"]
+    assert report["something_missing"] == ("missing from the model" in verified(before, after))
+
+
+def verified(before: Path, after: Path) -> str:
+    return glidecal("verify", before, after).out
 
 
 def scattered(scatter_mm: float) -> str:

@@ -226,3 +226,9 @@ def test_the_budget_is_scatter_steps_and_parts() -> None:
     assert solution.budget_mm["steps of the display"] == pytest.approx(np.zeros(3), abs=1e-9)
     together = sum(part**2 for part in solution.budget_mm.values())
     assert together == pytest.approx(solution.expanded_with_tolerances_mm**2)
+
+    held = identify(Model(), read, "with-tolerances", indicator=fine, tolerance_mm=tolerance_mm)
+    scatter_mm, steps_mm, parts_mm = held.budget_mm.values()
+    assert held.noise_expanded_mm == pytest.approx(np.hypot(scatter_mm, steps_mm))
+    assert (held.noise_expanded_mm[:3] < 0.5 * held.expanded_mm[:3]).all()
+    assert solution.noise_expanded_mm == pytest.approx(solution.expanded_mm)

@@ -26,7 +26,7 @@ from app.screens.what_if import WhatIfScreen
 from protocols.effect_entries import EffectEntry, ParameterEntry
 from protocols.model_file import ModelFile, read_model_file
 from protocols.record import read_record
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, first_quick
 from tests.hidden_sessions import write_session
 from tests.screens.diagnosing import diagnosed, offered, verdict
 from tests.screens.driving import SIZE, rows, said, text, until
@@ -234,7 +234,7 @@ async def test_what_cannot_be_told_apart_is_said(doubtful: Path) -> None:
         await pilot.press("f10")
 
 
-@pytest.mark.parametrize("late", ["usual", "begin"])
+@pytest.mark.parametrize("late", first_quick(["usual", "begin"]))
 async def test_wrong_moments(bowed: Path, monkeypatch: pytest.MonkeyPatch, late: str) -> None:
     interface = Glidecal(screen := DiagnoseScreen([bowed]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:

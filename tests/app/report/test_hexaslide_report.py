@@ -27,6 +27,7 @@ from protocols.journal import write_whole
 from protocols.session import Line
 from tests.app.cli import glidecal, refused
 from tests.app.posture_sessions import TOLERANCE_MM, before_and_after, posture_session
+from tests.conftest import first_quick
 
 
 @pytest.fixture(scope="module")
@@ -255,7 +256,7 @@ def truly_off_mm(path: Path) -> float:
     return 1000.0 * frames_apart(np.asarray(believed), np.asarray(stands), free).places_rms_m
 
 
-@pytest.mark.parametrize("procedure", ["position", "pose-forward"])
+@pytest.mark.parametrize("procedure", first_quick(["position", "pose-forward"]))
 def test_a_wrong_posture_does_not_spoil_the_machine(procedure: str, tmp_path: Path) -> None:
     """1 mm in one of the postures: believed, it left 0.11 mm at the platform instead of 0.013."""
     sound = posture_session(tmp_path / "sound.jsonl", procedure, 4)

@@ -27,7 +27,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     with_readings,
     with_values,
 )
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 SCATTER_MM = 0.002
 SINGLE = ("wild_reading", "label_error")
@@ -250,7 +250,7 @@ def test_a_flicker_of_the_display_is_no_wild_reading() -> None:
     assert (single(diagnosis), diagnosis.verdict) == ([], "agrees")
 
 
-@pytest.mark.parametrize("factor", [25.4, 1.0 / 25.4])
+@pytest.mark.parametrize("factor", first_quick([25.4, 1.0 / 25.4]))
 def test_readings_in_inches_bring_their_scatter_with_them(factor: float) -> None:
     session = case(SWEEP, EffectInstance(LAWS["gauge_gain"], "xy", (1.0,)), seed=8)
     observed = session.observed
@@ -309,13 +309,16 @@ def test_swapped_indicators_beside_a_strong_effect(seed: int) -> None:
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
 @pytest.mark.parametrize(
     ("effect", "where", "values"),
-    [
-        ("backlash", "y", (0.08,)),
-        ("thermal_drift", "z", (3000.0,)),
-        ("leg_taper", "zx", (0.4,)),
-        ("gauge_gain", "xy", (8.0,)),
-        ("axis_offset", "xy", (2.0,)),
-    ],
+    first_quick(
+        [
+            ("backlash", "y", (0.08,)),
+            ("thermal_drift", "z", (3000.0,)),
+            ("leg_taper", "zx", (0.4,)),
+            ("gauge_gain", "xy", (8.0,)),
+            ("axis_offset", "xy", (2.0,)),
+        ],
+        several=True,
+    ),
 )
 def test_strong_effects_are_no_mistakes(
     conditions: Observations, effect: str, where: str, values: tuple[float, ...]
@@ -346,7 +349,7 @@ def test_repeats_read_in_place_get_no_name(conditions: Observations) -> None:
     assert named <= 1
 
 
-@pytest.mark.parametrize("off", [0.0, 2.0])
+@pytest.mark.parametrize("off", first_quick([0.0, 2.0]))
 def test_a_reading_that_another_posture_has_is_a_wrong_label(off: float) -> None:
     session = case(SWEEP, seed=2)
     row, partner = (int(rows_at(session.observed, 2, level)[1]) for level in (22.0, -37.0))
@@ -357,8 +360,10 @@ def test_a_reading_that_another_posture_has_is_a_wrong_label(off: float) -> None
     assert left_out(diagnosis, len(session.observed)) == [row]
 
 
-@pytest.mark.parametrize(("conditions", "level"), [(SWEEP, -37.0), (TWO_STATION, 60.0)])
-@pytest.mark.parametrize("by_mm", [0.05, -0.3])
+@pytest.mark.parametrize(
+    ("conditions", "level"), first_quick([(SWEEP, -37.0), (TWO_STATION, 60.0)], several=True)
+)
+@pytest.mark.parametrize("by_mm", first_quick([0.05, -0.3]))
 def test_a_posture_that_was_another_in_all_cycles(
     conditions: Observations, level: float, by_mm: float
 ) -> None:
@@ -406,7 +411,7 @@ def test_a_reading_of_heavy_tails_is_not_moved() -> None:
 
 
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
-@pytest.mark.parametrize("size_mm", [0.1, 0.4, 5.0])
+@pytest.mark.parametrize("size_mm", first_quick([0.1, 0.4, 5.0]))
 def test_two_mistakes_do_not_hide_each_other(conditions: Observations, size_mm: float) -> None:
     """Each of them alone would make the other look like scatter."""
     for seed in range(3):
@@ -420,6 +425,7 @@ def test_two_mistakes_do_not_hide_each_other(conditions: Observations, size_mm: 
         assert {first, second} <= {*left_out(diagnosis, len(observed))}
 
 
+@LONG
 def test_two_mistakes_are_not_reported_as_noise() -> None:
     session = case(SHORT, seed=4)
     value = session.observed.value_mm.copy()

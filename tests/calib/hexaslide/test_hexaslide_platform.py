@@ -79,7 +79,7 @@ def test_poor_postures_have_no_bound() -> None:
     assert (error.bound_m, error.left_open) == (None, 43)
 
 
-@pytest.mark.parametrize("name", ["position", "link-indicator"])
+@pytest.mark.parametrize("name", first_quick(["position", "link-indicator"]))
 def test_what_is_expected_is_what_is_read(name: str) -> None:
     """Departures over their deviations are standard normal, and these shrink as postures come."""
     stated = load_posture_procedure(name)

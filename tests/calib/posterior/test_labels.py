@@ -103,7 +103,7 @@ def test_a_stand_that_moved_is_named_with_its_first_reading() -> None:
     assert title == f"the stand moved before the reading at {words}, cycle {SWEEP.cycle[rows[0]]}"
 
 
-@pytest.mark.parametrize("off_mm", [0.1, 2.0])
+@pytest.mark.parametrize("off_mm", first_quick([0.1, 2.0]))
 def test_a_typing_error_is_named_and_pulls_nothing(off_mm: float) -> None:
     session = case(SHORT, seed=8)
     rows = rows_of(SHORT, "zy", -100.0)[:1]

@@ -18,8 +18,8 @@ from protocols import files
 from protocols.journal import Journal
 from protocols.record import read_record
 from protocols.session import Line, Noted, Reading
-from tests.protocols.test_journal import opened, reading
 from tests.conftest import first_quick
+from tests.protocols.test_journal import opened, reading
 
 SHORT = 0
 FAULTS = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EINTR, SHORT)

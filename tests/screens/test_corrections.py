@@ -25,8 +25,8 @@ from drivers.profile import IndicatorReading, Outcome
 from protocols.clock import steady_s
 from protocols.record import read_record
 from protocols.session import Noted, fold
-from tests.screens.driving import press_for, quick_plan, take, text, to_measuring, until
 from tests.conftest import first_quick
+from tests.screens.driving import press_for, quick_plan, take, text, to_measuring, until
 
 Driven = tuple[Pilot[str], Interface, MeasureScreen]
 

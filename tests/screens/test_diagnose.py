@@ -14,9 +14,9 @@ from app.screens.interface import ChoiceDialog, HelpDialog
 from app.screens.plot import ChartPlot
 from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
+from tests.conftest import first_quick
 from tests.screens.diagnosing import diagnosed, drawn, verdict
 from tests.screens.driving import SIZE, said, text, until
-from tests.conftest import first_quick
 
 
 async def test_pages_by_keys(bowed: Path) -> None:

@@ -14,8 +14,8 @@ from app.screens.plot import ChartPlot
 from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from drivers.profile import IndicatorReading
-from tests.screens.driving import numbers, press_for, quick_plan, take, text, to_measuring, until
 from tests.conftest import first_quick
+from tests.screens.driving import numbers, press_for, quick_plan, take, text, to_measuring, until
 
 STEPS_OF_A_LEG = 10
 ELSEWHERE = Live(IndicatorReading("7.777", 7.777, 0.001, False), 0.0, Motion.STABLE)

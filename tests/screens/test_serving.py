@@ -22,7 +22,7 @@ import pytest
 
 from app.serving.server import MOST_TABS, replay_command
 from tests.app.cli import glidecal, refused
-from tests.conftest import SAMPLES, first_quick
+from tests.conftest import LONG, SAMPLES, first_quick
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and /proc as on Unix")
 
@@ -291,6 +291,7 @@ async def test_so_many_tabs_and_no_more(served: Served) -> None:
     assert (await asyncio.to_thread(fetch, served.address))[0] == 200
 
 
+@LONG
 async def test_no_tab_is_larger_than_any_screen(served: Served) -> None:
     """Twice too large: as it begins, and by a message."""
     async with (
@@ -337,6 +338,7 @@ async def test_what_no_page_sends_ends_its_tab_only(served: Served, message: str
     assert served.left() == ""
 
 
+@LONG
 async def test_a_process_that_does_not_listen_ends_with_its_tab(served: Served) -> None:
     async with (
         aiohttp.ClientSession() as session,

@@ -142,6 +142,7 @@ def test_laws_without_words_for_printers_have_those_of_any_machine() -> None:
     assert tower_remedies([effect], TOWERS) == tower_remedies([effect], {})
 
 
+@LONG
 def test_a_stretched_belt_is_named_with_what_to_turn(tmp_path: Path) -> None:
     from tests.blind import linear_delta as blind
 

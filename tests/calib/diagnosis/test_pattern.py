@@ -15,7 +15,7 @@ from calib.diagnosis.results import SharedPattern
 from calib.posterior.cells import Cells, SessionCase
 from calib.tripod.effects import CATALOGUE
 from tests.calib.diagnosis.diagnosed_sessions import SWEEP, case, diagnose, with_readings
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 SAMPLES = Path("sample_sessions")
 TABLE_1 = {  # papers/000 table 1, Max - Min: x_y, y_x, y_z, z_y, x_z, z_x
@@ -73,6 +73,7 @@ def test_what_is_left_in_experiments_2_and_3_is_one_pattern() -> None:
     )
 
 
+@LONG
 def test_the_twelve_differences_of_table_2_share_none() -> None:
     paths = [SAMPLES / f"experiment_{n}_twelve.jsonl" for n in "23"]
     diagnosis = diagnose_files(paths).diagnosis

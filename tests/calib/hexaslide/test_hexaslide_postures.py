@@ -146,6 +146,7 @@ def test_condition_numbers_on_the_example_machine(kind: ProcedureKind) -> None:
     assert design.start_on_bound == 0
 
 
+@LONG
 def test_condition_numbers_rise_in_this_order() -> None:
     """Not that of papers/001: positions see less but see it better than whole poses."""
     order = (
@@ -281,6 +282,7 @@ def test_another_machine_is_planned_for_as_well() -> None:
     assert design.condition_number < design.start_condition_number / 5.0
 
 
+@LONG
 def test_the_papers_46_postures_are_judged_by_what_they_show() -> None:
     """Of 48 combinations 46 rows show 46; the paper comes from 601200 to 145230."""
     procedure, few = PROCEDURES["constraint-link"], Search(starts=1, few=True)

@@ -24,8 +24,8 @@ from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, derivatives, simulate
 from calib.tripod.plain import PapersDesign, TripodDesign
 from tests.builders import postures
-from tests.tripods import TRIPODS
 from tests.conftest import first_quick
+from tests.tripods import TRIPODS
 
 
 def random_conditions(generator: np.random.Generator, geometry: Geometry) -> Conditions:

@@ -19,7 +19,7 @@ from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
 from tests.calib.posterior.sessions import SCATTER_MM, SHORT, SWEEP, case, with_values
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 
 def named(answer: Posterior, least: float = 0.5) -> list[tuple[str, str]]:
@@ -142,6 +142,7 @@ def test_weights_of_all_ways_to_put_a_session_right_are_one() -> None:
     assert all(max(model.members, default=0) < len(answer.components) for model in answer.models)
 
 
+@LONG
 def test_a_mistake_in_one_of_two_sessions_is_that_of_the_one() -> None:
     first, second = case(SHORT, seed=1), case(SHORT, seed=1)
     value = second.observed.value_mm.copy()

@@ -30,8 +30,13 @@ from tests.screens.driving import SIZE, said, text, until
 async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(
     bowed: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    worded: list[SessionDiagnosis] = []
-    monkeypatch.setattr(SessionDiagnosis, "__repr__", lambda d: worded.append(d) or "a diagnosis")
+    worded: list[int] = []
+
+    def in_words(diagnosis: SessionDiagnosis) -> str:
+        worded.append(id(diagnosis))
+        return "a diagnosis"
+
+    monkeypatch.setattr(SessionDiagnosis, "__repr__", in_words)
     interface = Glidecal(DiagnoseScreen([bowed]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await diagnosed(pilot, interface)

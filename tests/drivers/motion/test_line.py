@@ -21,6 +21,7 @@ from drivers.motion.guard import LEFT
 from drivers.motion.line import STRICT, MotionLine, Patience
 from drivers.motion.states import TRANSITIONS, Cause, State
 from drivers.motion.twins import GrblTwin, LinuxCncTwin, MotionTrouble, SimulatedAxes
+from tests.conftest import first_quick
 from tests.drivers.motion.bench import (
     BUSY,
     FEED,
@@ -154,7 +155,9 @@ def test_every_row_has_a_test() -> None:
     assert set(TRANSITIONS) == set(WAYS) | connecting | closing_rows
 
 
-@pytest.mark.parametrize("before", [ready, consented, moving, stopping, stopped, held, fault])
+@pytest.mark.parametrize(
+    "before", first_quick([ready, consented, moving, stopping, stopped, held, fault])
+)
 def test_closed_from_every_state(before: Act) -> None:
     with rig("linuxcnc", answer_s=0.2) as r:
         before(r)
@@ -256,7 +259,7 @@ def test_a_consent_is_no_consent_to_what_was_asked_before_it() -> None:
         assert len(r.twin.moves) == 1
 
 
-@pytest.mark.parametrize("before", [ready, stopped])
+@pytest.mark.parametrize("before", first_quick([ready, stopped]))
 def test_a_consent_within_the_dead_time_is_none(before: Act) -> None:
     with rig("linuxcnc", Patience(silence_s=3.0, dead_s=3.0)) as r:
         assert comes_true(r.line.consent)
@@ -345,7 +348,7 @@ def test_a_board_of_another_machine_is_not_homed_either() -> None:
         line.close()
 
 
-@pytest.mark.parametrize("name", ["linuxcnc", "grbl"])
+@pytest.mark.parametrize("name", first_quick(["linuxcnc", "grbl"]))
 def test_answers_that_are_late_keep_no_stop_waiting(name: str) -> None:
     with rig(name, answer_s=6.0) as r:
         r.on_the_way(feed=600.0, to=(59.0, 2.0, -3.0))

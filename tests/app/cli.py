@@ -25,11 +25,11 @@ PATIENCE_S = 600.0
 
 
 def _loaded() -> list[str]:
-    """The program's modules, all but its start, its screens and server, and reports."""
+    """The program's modules, all but its start, its screens and server."""
     rooms = ("calib", "drivers", "protocols", "app")
     modules = [path.relative_to(ROOT) for room in rooms for path in (ROOT / room).rglob("*.py")]
     names = [".".join(path.with_suffix("").parts) for path in modules]
-    left_out = ("app.__main__", "app.screens", "app.serving", "app.report.pages", "app.report.dcc")
+    left_out = ("app.__main__", "app.screens", "app.serving")
     return [
         name for name in names if not name.endswith("__init__") and not name.startswith(left_out)
     ]

@@ -21,7 +21,7 @@ from drivers.motion.guard import LEFT
 from drivers.motion.line import STRICT, MotionLine, Patience
 from drivers.motion.states import TRANSITIONS, Cause, State
 from drivers.motion.twins import GrblTwin, LinuxCncTwin, MotionTrouble, SimulatedAxes
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 from tests.drivers.motion.bench import (
     BUSY,
     FEED,
@@ -453,6 +453,7 @@ while time.monotonic() < end:
 """
 
 
+@LONG
 @pytest.mark.parametrize("name", ["linuxcnc", "grbl"])
 @pytest.mark.parametrize("way", ["SIGKILL", "SIGSTOP"])
 @pytest.mark.skipif(os.name != "posix", reason="signals")

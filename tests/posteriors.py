@@ -14,7 +14,7 @@ from calib.posterior.posterior import posterior
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import Effect
 
-KEPT = 24
+KEPT = 12
 """So many, the ones that were asked for last; each has up to 30 MB."""
 
 POSTERIORS: OrderedDict[bytes, Posterior] = OrderedDict()

@@ -30,10 +30,10 @@ from tests.screens.driving import SIZE, said, text, until
 async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(
     bowed: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    worded: list[int] = []
+    texts: list[int] = []
 
     def in_words(diagnosis: SessionDiagnosis) -> str:
-        worded.append(id(diagnosis))
+        texts.append(id(diagnosis))
         return "a diagnosis"
 
     monkeypatch.setattr(SessionDiagnosis, "__repr__", in_words)
@@ -66,7 +66,7 @@ async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(
         await pilot.press("a")
         await until(pilot, "nothing", lambda: "Nothing to adopt" in said(interface))
         await pilot.press("f10")
-    assert not worded, "to put all its numbers in words takes seconds, in the thread that draws"
+    assert not texts, "to put all its numbers in words takes seconds, in the thread that draws"
 
 
 async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> None:

@@ -128,17 +128,17 @@ def test_without_an_order_pages_are_of_the_record() -> None:
 
 def test_a_report_works_out_one_posterior(monkeypatch: pytest.MonkeyPatch) -> None:
     """Solution and diagnosis share it; what is diagnosed is what a diagnosis alone says."""
-    worked_out: list[Posterior] = []
+    posteriors: list[Posterior] = []
 
     def counted(cases: Sequence[SessionCase], effects: Sequence[Effect] | None) -> Posterior:
-        worked_out.append(posterior(cases, effects))
-        return worked_out[-1]
+        posteriors.append(posterior(cases, effects))
+        return posteriors[-1]
 
     monkeypatch.setattr("app.evaluating.correction.posterior", counted)
     calibration = calibration_of([SIXTY])
     shared, alone = calibration.diagnosed, diagnose_files([SIXTY])
     assert shared.corrections.posterior is calibration.solved.posterior
-    assert len(worked_out) == 2, "of the report, and of the diagnosis beside it"
+    assert len(posteriors) == 2, "of the report, and of the diagnosis beside it"
     assert shared.diagnosis.verdict == alone.diagnosis.verdict
     assert shared.diagnosis.sentence == alone.diagnosis.sentence
     assert shared.tool.now.bound_in(shared.tool.frame) == pytest.approx(

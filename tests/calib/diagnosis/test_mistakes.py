@@ -448,15 +448,15 @@ def wildest(noises: Sequence[FloatArray], count: int) -> list[tuple[int, FloatAr
     return order[:count]
 
 
-@pytest.mark.parametrize("tried", first_quick([3, 10]))
+@pytest.mark.parametrize("count", first_quick([3, 10]))
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
-def test_heavy_tails_hold_no_wrong_labels(conditions: Observations, tried: int) -> None:
+def test_heavy_tails_hold_no_wrong_labels(conditions: Observations, count: int) -> None:
     """Of forty sessions; were labels doubted from 6 standard deviations on, three would fail."""
     noises = [
         SCATTER_MM * np.random.default_rng([8, seed]).standard_t(3, len(conditions))
         for seed in range(40)
     ]
-    for seed, noise in wildest(noises, tried):
+    for seed, noise in wildest(noises, count):
         session = case(conditions, seed=seed, scatter_mm=1e-9)
         diagnosis = diagnose([with_values(session, session.observed.value_mm + noise)])
         assert "label_error" not in {effect.id for effect in mistakes(diagnosis)}
@@ -482,10 +482,10 @@ def test_first_readings_off_by_a_large_play_are_not_wild(conditions: Observation
         assert single(diagnose([case(conditions, *plays, seed=seed)], CATALOGUE)) == []
 
 
-@pytest.mark.parametrize("tried", first_quick([4, 14]))
+@pytest.mark.parametrize("count", first_quick([4, 14]))
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
 def test_indicators_that_scatter_unequally_are_no_mistakes(
-    conditions: Observations, tried: int
+    conditions: Observations, count: int
 ) -> None:
     """One of six scatters three times as much as the others, in forty sessions."""
     noises = []
@@ -493,7 +493,7 @@ def test_indicators_that_scatter_unequally_are_no_mistakes(
         larger = np.where(conditions.mount == seed % conditions.mount_count, 3.0, 1.0)
         noise = SCATTER_MM * np.random.default_rng([8, seed]).normal(size=len(conditions))
         noises.append(noise * larger)
-    for seed, noise in wildest(noises, tried):
+    for seed, noise in wildest(noises, count):
         session = case(conditions, seed=seed, scatter_mm=1e-9)
         diagnosis = diagnose([with_values(session, session.observed.value_mm + noise)])
         assert single(diagnosis) == []

@@ -276,6 +276,7 @@ async def test_quitting_while_it_searches(gate: Gate) -> None:
     assert gate.counts == [9, 9]
 
 
+@LONG
 async def test_count_of_postures(gate: Gate) -> None:
     interface = Glidecal(HexaSlideScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:

@@ -118,6 +118,7 @@ def test_two_pages_are_enough_for_the_longest_words(
     check_pages(printed_pages(html_of(report)), "Certificate 2026-0042")
 
 
+@LONG
 def test_without_an_order_pages_are_of_the_record() -> None:
     report = report_of([SIXTY])
     assert report.identification == f"Record {read_record(SIXTY).digest[:12]}"

@@ -27,7 +27,7 @@ from protocols.journal import write_whole
 from protocols.session import Line
 from tests.app.cli import glidecal, refused
 from tests.app.posture_sessions import TOLERANCE_MM, before_and_after, posture_session
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +82,7 @@ def test_a_later_session_decides(pair: tuple[Path, Path], tmp_path: Path) -> Non
     assert words(streamed.out) == text
 
 
+@LONG
 def test_the_report_judges_by_the_tolerance_of_its_verification(
     pair: tuple[Path, Path], tmp_path: Path
 ) -> None:

@@ -72,6 +72,7 @@ def test_the_table_is_what_the_file_holds(tmp_path: Path) -> None:
             assert written == pytest.approx(value, abs=5.1e-4)
 
 
+@LONG
 def test_how_even_the_plate_would_be_is_what_the_firmware_would_show(tmp_path: Path) -> None:
     """Of ten contacts of a real printer, by the formulas of its firmware with the file."""
     session = session_of(tmp_path, real_eeprom())

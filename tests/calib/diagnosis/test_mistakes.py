@@ -120,7 +120,16 @@ def single(diagnosis: Diagnosis) -> list[Finding]:
 
 @pytest.mark.parametrize(
     ("conditions", "first", "by_mm"),
-    [(SHORT, 2, 0.05), (SHORT, 7, -0.05), (SWEEP, 11, 0.05), (SWEEP, 12, -0.1), (SWEEP, 17, 0.05)],
+    first_quick(
+        [
+            (SHORT, 2, 0.05),
+            (SHORT, 7, -0.05),
+            (SWEEP, 11, 0.05),
+            (SWEEP, 12, -0.1),
+            (SWEEP, 17, 0.05),
+        ],
+        several=True,
+    ),
 )
 def test_a_slip_is_no_drift_and_no_wild_reading(
     conditions: Observations, first: int, by_mm: float
@@ -154,7 +163,7 @@ def test_slip_drift_and_wild_readings_are_told_apart(seed: int) -> None:
 
 
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
-@pytest.mark.parametrize("play_mm", [0.0, 0.03])
+@pytest.mark.parametrize("play_mm", first_quick([0.0, 0.03]))
 @pytest.mark.parametrize(
     ("size", "sessions"), first_quick([(5.0, 2), (1.0, 2), (25.0, 4)], several=True)
 )
@@ -184,6 +193,7 @@ def test_a_wrong_label_that_leaves_no_repeat() -> None:
     assert left_out(diagnosis, len(observed)) == [row]
 
 
+@LONG
 def test_two_readings_under_one_label_and_the_wrong_one_is_told() -> None:
     """Zero written down as +60 mm: both stand beside each other, repeats of one approach."""
     session = case(SHORT, seed=2)
@@ -207,6 +217,7 @@ def test_a_reading_under_the_other_leg(conditions: Observations) -> None:
     assert left_out(diagnosis, len(observed)) == [row]
 
 
+@LONG
 def test_a_wrong_label_beside_a_drift() -> None:
     session = case(SHORT, EffectInstance(LAWS["thermal_drift"], "x", (400.0,)), seed=4)
     observed = session.observed
@@ -228,7 +239,8 @@ def test_of_two_repeats_the_other_postures_tell_which_is_wild() -> None:
 
 
 @pytest.mark.parametrize(
-    ("end", "ids"), [(0, {"first_take", "wild_reading"}), (-1, {"wild_reading"})]
+    ("end", "ids"),
+    first_quick([(0, {"first_take", "wild_reading"}), (-1, {"wild_reading"})], several=True),
 )
 def test_at_either_end_a_reading_that_stands_apart_is_left_out(end: int, ids: set[str]) -> None:
     """A stand that moved before the last one, or after the first, would leave the same readings."""
@@ -273,6 +285,7 @@ def read_along(observed: Observations, leg: int, axis: int) -> IntArray:
     return np.flatnonzero((observed.leg == leg) & (observed.axis == axis))
 
 
+@LONG
 @pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_indicators_swapped_at_one_station_only(seed: int) -> None:
     session = case(TWO_STATION, seed=seed)
@@ -297,6 +310,7 @@ def test_indicators_swapped_at_all_stations_are_one_mistake(seed: int) -> None:
     assert mistake.title == "indicators exchanged"
 
 
+@LONG
 @pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_swapped_indicators_beside_a_strong_effect(seed: int) -> None:
     session = case(SWEEP, EffectInstance(LAWS["axis_offset"], "xy", (0.6,)), seed=seed)

@@ -58,6 +58,7 @@ def test_cosines_of_table_1_by_the_matrix_of_the_papers(first: str, second: str)
     assert pair.scale == pytest.approx(a @ b / (a @ a), rel=0.05)
 
 
+@LONG
 def test_what_is_left_in_experiments_2_and_3_is_one_pattern() -> None:
     """Of three directions a cosine c or more comes by chance with 1 - c."""
     pattern = published("2", held_out="3")

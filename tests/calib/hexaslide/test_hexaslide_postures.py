@@ -260,6 +260,7 @@ def test_sets_that_do_not_show_enough_are_refused() -> None:
         )
 
 
+@LONG
 def test_the_benchmark_begins_both_searches_at_the_same_postures() -> None:
     procedure = PROCEDURES["pose-inverse"]
     begin = H60.box.random(9, np.random.default_rng(3))
@@ -297,6 +298,7 @@ def test_the_papers_46_postures_are_judged_by_what_they_show() -> None:
         best_postures(PROCEDURES["pose-inverse"], H60, 8, few)
 
 
+@LONG
 def test_limits_of_sliders_are_kept_and_cost_something() -> None:
     procedure = PROCEDURES["pose-inverse"]
     travel = np.outer([0.25, 0.6], np.ones(6))

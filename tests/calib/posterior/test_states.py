@@ -62,6 +62,7 @@ def sessions() -> list[SessionCase]:
     return [read(SWEEP, 0.0, 1), read(LEG_X, HOMED_MM, 2)]
 
 
+@LONG
 def test_a_leg_read_again_leaves_the_machine_known(sessions: list[SessionCase]) -> None:
     together = posterior(sessions)
     change, deviation = change_of(together)

@@ -219,6 +219,7 @@ def test_a_budget_that_leaves_one_station() -> None:
 TWELVE = ("postures", "orthoglide", "--procedure", "zero-max-min", "--count", "12")
 
 
+@LONG
 def test_postures_are_moved_off_the_grid_unless_it_is_to_be_kept() -> None:
     free, on_grid = document(*TWELVE), document(*TWELVE, "--no-refine")
     assert on_grid["grid_value"] is None

@@ -20,12 +20,13 @@ test: check
 test-long: $(VENV)/dev.stamp
 	$(BIN)/pytest -n 4 --dist worksteal -m long
 
+# a cache for each platform: in a common one each run makes that of the others useless
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/mypy --platform win32 $(ROOMS)
-	$(BIN)/mypy --platform darwin $(ROOMS)
+	$(BIN)/mypy --cache-dir .mypy_cache/win32 --platform win32 $(ROOMS)
+	$(BIN)/mypy --cache-dir .mypy_cache/darwin --platform darwin $(ROOMS)
 	$(BIN)/lint-imports
 	$(BIN)/python -m mkdocs build --strict --quiet
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import itertools
 import os
 import signal
 import sys
@@ -61,11 +62,18 @@ def pytest_collection_finish() -> None:
     gc.set_threshold(50_000, 20, 20)
 
 
+HOMES = itertools.count()
+
+
 @pytest.fixture(autouse=True)
 def _nothing_remembered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """No test finds what another one made the program remember, such as its indicators."""
+    """No test finds what another one made the program remember, such as its indicators.
+
+    The folder is made by who writes to it: to make one for each of thousands of tests, and to
+    remove them after the third run, took longer than many tests.
+    """
     before = os.environ["XDG_DATA_HOME"]
-    os.environ["XDG_DATA_HOME"] = str(tmp_path_factory.mktemp("data"))
+    os.environ["XDG_DATA_HOME"] = str(tmp_path_factory.getbasetemp() / f"home-{next(HOMES)}")
     yield
     os.environ["XDG_DATA_HOME"] = before
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import ROOT, SAMPLES
+from tests.conftest import ROOT, SAMPLES, first_quick
 
 MOTION = "drivers.motion"
 """Measuring steps through a session by hand or by machine in one place, and imports it."""
@@ -50,13 +50,15 @@ SESSION = str(SAMPLES / "simulated_zero-max-min.jsonl")
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        ("run", "--simulated", "--headless", "-o", "s.jsonl"),
-        ("validate", SESSION),
-        ("solve", SESSION),
-        ("diagnose", SESSION),
-        ("export", SESSION, "--format", "json", "-o", "offsets.json"),
-    ],
+    first_quick(
+        [
+            ("run", "--simulated", "--headless", "-o", "s.jsonl"),
+            ("validate", SESSION),
+            ("solve", SESSION),
+            ("diagnose", SESSION),
+            ("export", SESSION, "--format", "json", "-o", "offsets.json"),
+        ]
+    ),
     ids=lambda arguments: arguments[0],
 )
 def test_the_core_works_alone(arguments: tuple[str, ...], tmp_path: Path) -> None:

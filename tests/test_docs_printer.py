@@ -19,7 +19,7 @@ from tests.app.cli import glidecal, refused
 from tests.app.exports import test_towers as true
 from tests.blind.linear_delta import places
 from tests.blind.printers import fitted
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 from tests.protocols.printers.printers import (
     SAMPLE,
     SAMPLE_HIDDEN,
@@ -146,6 +146,7 @@ def test_values_that_help_are_the_next_step_on_the_screen(walked: tuple[Path, st
     assert text == "Next: {result.export} writes these values as files for the controller."
 
 
+@LONG
 def test_before_and_after_are_compared_though_the_firmware_holds_other_values(
     walked: tuple[Path, str],
 ) -> None:

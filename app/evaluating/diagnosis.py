@@ -28,6 +28,7 @@ from calib.posterior.measurements import USUAL_PACE, FurtherMeasurement, Pace, c
 from calib.posterior.planning import Planner, Reach, Separation
 from calib.posterior.tool import Frame
 from calib.quantity import Quantity
+from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import Effect, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
 from calib.tripod.pipeline import Model
@@ -216,12 +217,14 @@ def diagnose_sessions(
     model: Path | None = None,
     held_out: Sequence[Session] = (),
     effects: Sequence[Effect] | None = None,
+    solved: ControllerCorrections | None = None,
 ) -> SessionDiagnosis:
     """Diagnose sessions against their nominal machine, or against a model with effects.
 
     ``held_out`` are sessions for the gap alone, ``effects`` are looked for in place of
     all that are known. Sessions may have different joint offsets entered; their geometry must be
-    one. Raises UsageError and NotIdentifiable.
+    one. ``solved`` are corrections of the same sessions by the catalogue alone: their posterior is
+    taken where it is that of the diagnosis. Raises UsageError and NotIdentifiable.
     """
     if not sessions:
         raise NotIdentifiable("sessions", "none", "at least one session")
@@ -237,6 +240,8 @@ def diagnose_sessions(
         warnings += [doubt] if (doubt := ambiguity(ambiguous_effects(model_file))) else []
     frame = sessions[-1].opened.machine.frame
     corrections = ControllerCorrections.of_sessions(sessions, nominal, frame, effects, free)
+    if solved is not None and model is None and tuple(effects) == tuple(CATALOGUE):
+        corrections = corrections.with_posterior(solved.posterior)
     for session, case in zip(sessions, corrections.cases, strict=True):
         if case.observed.over_plane.any():
             refuse_leaning_planes([session], Cells.of(case).model, case.observed)

@@ -155,7 +155,7 @@ def calibration_of(
     Raises as `solve_files`, `diagnose_sessions` and `verify_files`.
     """
     solved = solve_files(paths, model=model)
-    diagnosed = diagnose_sessions(solved.sessions, model=model)
+    diagnosed = diagnose_sessions(solved.sessions, model=model, solved=solved.corrections)
     last = records_in_order(paths)[-1].path
     verified = verify_files(last, after, tolerance_mm, solved=solved) if after else None
     if verified:  # one tolerance for all decisions

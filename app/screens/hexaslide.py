@@ -144,7 +144,7 @@ class HexaSlideScreen(PagedScreen[None]):
         self._begin_anew(self._count, searching=True)
         self._search(self.view, self._count)
 
-    @work(group="search")
+    @work(group="search", description="search")  # as of `PagedScreen.look`
     async def _search(self, view: HexaSlideSeen, count: int) -> None:
         stopped = threading.Event()
 

@@ -117,7 +117,9 @@ class PagedScreen(MainScreen[ScreenResultType]):
             plot.display = True
             plot.show(chart)
 
-    @work(group="look", exclusive=True)
+    # without a description Textual makes one of the arguments, every number of a result in words:
+    # seconds, in the thread that draws
+    @work(group="look", exclusive=True, description="look")
     async def look(
         self,
         job: Callable[[], Answer],

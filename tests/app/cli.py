@@ -6,6 +6,7 @@ scipy takes longer than most commands. `tests/end_to_end` starts Python itself.
 
 from __future__ import annotations
 
+import atexit
 import io
 import multiprocessing
 import os
@@ -13,23 +14,26 @@ import runpy
 import sys
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
 
 from app.cli import main
+from app.evaluating import correction
 from tests.conftest import ROOT
+from tests.posteriors import posterior_on_disk
 
 PATIENCE_S = 600.0
 
 
 def _loaded() -> list[str]:
-    """The program's modules, all but its start, its screens and server, and reports."""
+    """The program's modules, all but its start, its screens and server."""
     rooms = ("calib", "drivers", "protocols", "app")
     modules = [path.relative_to(ROOT) for room in rooms for path in (ROOT / room).rglob("*.py")]
     names = [".".join(path.with_suffix("").parts) for path in modules]
-    left_out = ("app.__main__", "app.screens", "app.serving", "app.report.pages", "app.report.dcc")
+    left_out = ("app.__main__", "app.screens", "app.serving")
     return [
         name for name in names if not name.endswith("__init__") and not name.startswith(left_out)
     ]
@@ -56,7 +60,7 @@ def glidecal(*arguments: str | Path, cwd: Path | None = None) -> Run:
     with TemporaryDirectory() as folder:
         out, err = Path(folder, "out"), Path(folder, "err")
         surroundings = {**os.environ, "COLUMNS": "80"}
-        started = ([*map(str, arguments)], cwd or Path.cwd(), surroundings, out, err)
+        started = ([*map(str, arguments)], cwd or Path.cwd(), surroundings, out, err, _posteriors())
         process = PROCESSES.Process(target=_as_program, args=started)
         process.start()
         process.join(PATIENCE_S)
@@ -67,10 +71,24 @@ def glidecal(*arguments: str | Path, cwd: Path | None = None) -> Run:
         return Run(process.exitcode, *(p.read_text(encoding="utf-8") for p in (out, err)))
 
 
+@cache
+def _posteriors() -> Path:
+    """Where the commands of this process leave what the next ones would work out again."""
+    folder = TemporaryDirectory(prefix="glidecal-posteriors-")
+    atexit.register(folder.cleanup)
+    return Path(folder.name)
+
+
 def _as_program(
-    arguments: list[str], cwd: Path, surroundings: dict[str, str], out: Path, err: Path
+    arguments: list[str],
+    cwd: Path,
+    surroundings: dict[str, str],
+    out: Path,
+    err: Path,
+    posteriors: Path,
 ) -> None:
     """``python -m app`` in this process."""
+    vars(correction)["posterior"] = partial(posterior_on_disk, posteriors)
     os.environ.clear()
     os.environ.update(surroundings)
     os.chdir(cwd)

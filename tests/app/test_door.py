@@ -12,7 +12,7 @@ from app.report.schema.document import to_json
 from app.report.schema.solution import SolutionReport, SolutionResults
 from tests.app.cli import glidecal as command
 from tests.app.test_house import imported
-from tests.conftest import ROOT, SAMPLES
+from tests.conftest import LONG, ROOT, SAMPLES
 
 SESSION = SAMPLES / "experiment_2_six.jsonl"
 
@@ -49,6 +49,7 @@ def test_solving_a_path_or_a_session_is_what_the_command_says() -> None:
     assert dict(zip(frame["parameter"], frame["value"], strict=True)) == values
 
 
+@LONG
 def test_a_set_is_a_view_beside_the_same_correction() -> None:
     view, chosen = glidecal.solve(SESSION, subset="leg-lengths"), glidecal.solve(SESSION)
     assert view.solution.subset == "leg-lengths"
@@ -69,6 +70,7 @@ def test_tables_of_a_solution_are_its_numbers() -> None:
     assert residuals["value_mm"].tolist() == [visit.value_mm for _, visit in solved.visits]
 
 
+@LONG
 def test_a_simulated_session_is_planned_for_and_diagnosed() -> None:
     session = glidecal.simulate("two-station", effect="backlash", size=0.2, seed=3)
     assert len(session.to_frame()) == len(session.readings)

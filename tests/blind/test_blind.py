@@ -45,6 +45,7 @@ def diagnosed(cases: list[Case], folder: Path) -> list[Scored]:
     return results
 
 
+@LONG
 def test_clean_sessions_get_no_name(tmp_path: Path) -> None:
     """12 sessions at 1 %: more than one false name happens in 0.6 % of runs."""
     cases = [Case(f"q/{p}/{n}", "none", p, n) for n in NOISES for p in ("zero-max-min", "sweep")]
@@ -75,6 +76,7 @@ def test_hidden_effects_are_in_the_set_and_no_other_is_claimed(
     assert rate(results, wrong_confident).hits == 0
 
 
+@LONG
 def test_blunders_are_named_with_their_place(tmp_path: Path) -> None:
     """6 sessions at 99 %: fewer than 5 happens in 0.1 % of runs."""
     cases = [Case(f"q/{b}", "blunder", "sweep", "gaussian", blunder=b) for b in BLUNDERS]

@@ -35,6 +35,7 @@ from tests.blind.ideal import Judge
 from tests.blind.signatures import BASE, Columns
 from tests.blind.today import answers
 from tests.blind.tool import entered, rms_mm, tool_errors_mm
+from tests.conftest import LONG
 
 SEED = 6
 NOTHING = np.zeros(3)
@@ -197,6 +198,7 @@ def test_worse_than_offsets_is_by_a_tenth_and_by_five_micrometres() -> None:
     assert "| all | mine | 2/4" in text
 
 
+@LONG
 def test_the_ideal_judge_names_what_is_hidden_where_there_is_no_noise() -> None:
     spread = np.array([SPREAD[name] for name, _ in BASE])
     for case, session in sessions(len(EFFECT_IDS), SEED, ["one effect"], [2.0]):
@@ -226,6 +228,7 @@ def test_machines_that_the_ideal_judge_draws_spread_as_least_squares_do() -> Non
     np.testing.assert_allclose(drawn.std(axis=0), np.sqrt(variance), rtol=0.06)
 
 
+@LONG
 def test_shares_of_places_are_those_of_the_draw() -> None:
     rng = np.random.default_rng(SEED)
     for effect in ("gravity_sag", "axis_squareness", "gauge_gain", "straightness"):
@@ -236,6 +239,7 @@ def test_shares_of_places_are_those_of_the_draw() -> None:
             assert drawn.count(candidate) / 3000 == pytest.approx(place_share(candidate), abs=0.03)
 
 
+@LONG
 def test_machines_of_other_labels_are_not_averaged() -> None:
     """Two indicators exchanged, or the tables of two legs: the likelier is entered, both bound.
 

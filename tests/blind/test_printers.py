@@ -50,6 +50,7 @@ def test_a_radius_that_was_a_guess(guessed_mm: float, tmp_path: Path) -> None:
     assert result.touched < result.bound < 0.6
 
 
+@LONG
 def test_the_bound_has_no_turn_of_all_towers_that_nothing_shows(tmp_path: Path) -> None:
     """A radius 1 mm off, 57 contacts: 2.3 mm stood beside an error of 0.08 mm."""
     parts = replace(Parts.perfect(), out_mm=np.full(3, 1.0))

@@ -28,7 +28,7 @@ from tests.blind.printers import (
     machine,
 )
 from tests.blind.probes import APART_MM, BESIDE_MM, BOWED, EDGE_MM, Probed, stated
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 PERFECT = Parts.perfect()
 
@@ -67,7 +67,7 @@ def test_the_law_of_a_bowed_plate_is_that_of_the_simulation() -> None:
     assert readings == pytest.approx(of_laws(*laws), abs=2e-4)
 
 
-@pytest.mark.parametrize("leg", range(3))
+@pytest.mark.parametrize("leg", first_quick(range(3)))
 def test_unequal_bars_tilt_the_probe_as_the_law_says(leg: int) -> None:
     """Beside the nozzle, which goes elsewhere, too: that is what a tower elsewhere does."""
     unequal_mm = 0.1 * np.eye(3)[leg]
@@ -78,6 +78,7 @@ def test_unequal_bars_tilt_the_probe_as_the_law_says(leg: int) -> None:
     assert with_probe - with_nozzle == pytest.approx(of_laws(law), abs=2e-4)
 
 
+@LONG
 @pytest.mark.parametrize(
     ("name", "plate"),
     first_quick(

@@ -16,9 +16,11 @@ from drivers.line import IndicatorLine
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Profile, Query, Spindle
 from drivers.profiles import PROFILES
 from drivers.twins import IndicatorTwin, LineTrouble, Transport, TwinPort
+from tests.conftest import first_quick
 
 TRANSPORTS = (["pty"] if os.name == "posix" else []) + ["tcp"]
-QUICK_S = 0.4
+QUICK_S, PATIENT_S = 0.4, 2.0
+"""For an answer that does not come, and for one that does, on a busy machine, too."""
 
 
 @contextmanager
@@ -59,6 +61,8 @@ def outcomes(
 
 every_profile = pytest.mark.parametrize("profile", PROFILES.values(), ids=list(PROFILES))
 every_transport = pytest.mark.parametrize("transport", TRANSPORTS)
+first_transport = pytest.mark.parametrize("transport", first_quick(TRANSPORTS))
+"""For what is mostly waited for: values are asked for over each in every run."""
 
 
 @every_profile
@@ -66,13 +70,13 @@ every_transport = pytest.mark.parametrize("transport", TRANSPORTS)
 def test_values(profile: Profile, transport: Transport) -> None:
     positions = (1.234, -0.567, 0.0)
     ports = (plugged(profile, transport, position) for position in positions)
-    for position, outcome in zip(positions, outcomes(profile, ports), strict=True):
+    for position, outcome in zip(positions, outcomes(profile, ports, PATIENT_S), strict=True):
         assert isinstance(outcome, IndicatorReading), outcome
         assert outcome.value_mm == pytest.approx(position, abs=0.0005 + outcome.resolution_mm / 2)
 
 
 @every_profile
-@every_transport
+@first_transport
 def test_own_faults(profile: Profile, transport: Transport) -> None:
     assert profile.bad_replies, "a profile names at least one fault of its device"
     hasty = replace(profile, busy_retries=0)
@@ -94,7 +98,7 @@ NO_VALUE = {
 
 
 @every_profile
-@every_transport
+@first_transport
 def test_troubles_never_give_a_value(profile: Profile, transport: Transport) -> None:
     ports = (plugged(profile, transport, 1.234, trouble) for trouble in NO_VALUE)
     tried = zip(NO_VALUE.items(), outcomes(profile, ports), strict=True)
@@ -104,7 +108,7 @@ def test_troubles_never_give_a_value(profile: Profile, transport: Transport) -> 
 
 
 @every_profile
-@every_transport
+@first_transport
 def test_troubles_that_a_reader_must_stand(profile: Profile, transport: Transport) -> None:
     """An echo is passed over; a late answer is no value, or the right one."""
     troubles = (LineTrouble.ECHO, LineTrouble.SLOW)
@@ -118,7 +122,7 @@ def test_troubles_that_a_reader_must_stand(profile: Profile, transport: Transpor
 
 
 @every_profile
-@every_transport
+@first_transport
 def test_no_reading_is_stale(profile: Profile, transport: Transport) -> None:
     """Whatever was asked, the answer is where the spindle stood after the question."""
     position = [0.0]

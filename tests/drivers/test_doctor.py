@@ -6,6 +6,7 @@ import os
 import random
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from drivers.profiles import PROFILES
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A, MITUTOYO_MUX
 from drivers.profiles.sylvac import SYLVAC
 from drivers.twins import IndicatorTwin, LineTrouble, Twin, TwinPort, default_transport
+from tests.conftest import first_quick
 
 QUICK = replace(MITUTOYO_01A, timeout_s=0.3, interval_s=0.0)
 
@@ -174,16 +176,21 @@ def names(trials: Trials) -> set[str]:
     return {fit.profile.name for fit in trials.fits}
 
 
-@pytest.mark.parametrize("name", PROFILES)
-def test_trying_names_the_profile_of_each_twin(name: str) -> None:
+def trial_of_twin(name: str) -> Trials:
     profile = PROFILES[name]
     twin = IndicatorTwin(profile, Spindle(lambda: 0.5, 0.001))
-    alike, stream_s = ALIKE.get(name, {name}), min(profile.stream_s, 0.03)
+    stream_s = min(profile.stream_s, 0.03)
     trial = tried(twin, stream_s)
-    if names(trial) != alike:
-        trial = tried(twin, stream_s, PATIENT)
-    assert names(trial) == alike
-    assert all(finding.well for finding in findings_of(trial))
+    return trial if names(trial) == ALIKE.get(name, {name}) else tried(twin, stream_s, PATIENT)
+
+
+def test_trying_names_the_profile_of_each_twin() -> None:
+    """Eight at once: a trial waits far longer than it works."""
+    with ThreadPoolExecutor(8) as threads:
+        trials = dict(zip(PROFILES, threads.map(trial_of_twin, PROFILES), strict=True))
+    for name, trial in trials.items():
+        assert names(trial) == ALIKE.get(name, {name}), name
+        assert all(finding.well for finding in findings_of(trial)), name
 
 
 @dataclass
@@ -233,7 +240,17 @@ class Cable:
 
 @pytest.mark.parametrize(
     "name",
-    ["sylvac", "mahr-c1202", "mitutoyo-vl50", "mitutoyo-01a", "mitutoyo-it007r", "mux", "u-wave"],
+    first_quick(
+        [
+            "sylvac",
+            "mahr-c1202",
+            "mitutoyo-vl50",
+            "mitutoyo-01a",
+            "mitutoyo-it007r",
+            "mux",
+            "u-wave",
+        ]
+    ),
 )
 def test_trying_on_a_line_with_speed_and_parity(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The device hears noise until it is asked at its own settings."""
@@ -271,8 +288,8 @@ class Noise:
         (IndicatorTwin(SYLVAC, Spindle(lambda: 0.5, 0.001), LineTrouble.NOISE), 0.0),
         (IndicatorTwin(SYLVAC, Spindle(lambda: 0.5, 0.001), LineTrouble.PARITY), 0.0),
         (Echo(), 0.0),
-        *((Noise(seed), 0.0) for seed in range(3)),
-        *((Noise(seed), 0.02) for seed in range(3)),
+        *first_quick([(Noise(seed), 0.0) for seed in range(3)], several=True),
+        *first_quick([(Noise(seed), 0.02) for seed in range(3)], several=True),
     ],
 )
 def test_no_profile_is_named_for_silence_noise_or_an_echo(twin: Twin, stream_s: float) -> None:

@@ -15,6 +15,7 @@ import pytest
 
 from protocols.record import read_record
 from tests.app.cli import glidecal
+from tests.conftest import first_quick
 
 if sys.platform == "win32":
     pytest.skip("Windows has neither pseudo-terminals nor SIGHUP", allow_module_level=True)
@@ -91,7 +92,7 @@ def pressed_a(terminal: Terminal) -> bool:
     return False
 
 
-@pytest.mark.parametrize("closed", [False, True], ids=["kill", "closed-terminal"])
+@pytest.mark.parametrize("closed", first_quick([False, True]), ids=["kill", "closed-terminal"])
 def test_the_session_is_paused_and_goes_on(
     measuring: Terminal, tmp_path: Path, closed: bool
 ) -> None:

@@ -31,6 +31,7 @@ from app.serving.reports import HEADERS
 from tests.app.report.certificates import laboratory
 from tests.app.report.test_certificate import check_pages, page_texts
 from tests.app.report.test_pages import SIMULATED, hostile_session
+from tests.conftest import LONG
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 PATIENCE_S = 300.0
@@ -143,6 +144,7 @@ async def served(page: str) -> AsyncIterator[str]:
         yield str(server.make_url("/"))
 
 
+@LONG
 async def test_a_printed_certificate_is_two_pages_and_an_annex(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -173,6 +175,7 @@ def history_of(session: Path) -> tuple[str, str, int]:
     return html_of(history_page(history, datetime.now(UTC))), f"History: {folder.name}", 1
 
 
+@LONG
 @pytest.mark.parametrize("page_of", [report_page, history_of])
 async def test_words_of_strangers_do_nothing(
     page_of: Callable[[Path], tuple[str, str, int]], tmp_path: Path

@@ -18,6 +18,7 @@ from protocols import files
 from protocols.journal import Journal
 from protocols.record import read_record
 from protocols.session import Line, Noted, Reading
+from tests.conftest import first_quick
 from tests.protocols.test_journal import opened, reading
 
 SHORT = 0
@@ -181,8 +182,10 @@ def run(folder: Path, remove: bool, **fault: int) -> tuple[Disk, Operator]:
     return disk, operator
 
 
-@pytest.mark.parametrize("remove", [False, True], ids=["kept", "removed"])
-@pytest.mark.parametrize("lasts", [1, 2, 10_000], ids=["once", "twice", "from then on"])
+@pytest.mark.parametrize("remove", first_quick([False, True]), ids=["kept", "removed"])
+@pytest.mark.parametrize(
+    "lasts", first_quick([1, 2, 10_000]), ids=["once", "twice", "from then on"]
+)
 def test_a_fault_at_every_call_of_a_session(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, remove: bool, lasts: int
 ) -> None:

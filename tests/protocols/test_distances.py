@@ -58,6 +58,7 @@ def test_from_a_table_beside_contacts_to_arrays(tmp_path: Path) -> None:
     assert arrays.deviation_mm.tolist() == [0.02, 0.07]
 
 
+@LONG
 def test_a_distance_that_cannot_be_is_named(tmp_path: Path) -> None:
     """The sample's tool does what three tables of distances say; 0.8 mm longer is none of it."""
     sample = ROOT / "sample_sessions" / "tables" / "distances.csv"

@@ -2,34 +2,15 @@
 
 from __future__ import annotations
 
-import pickle
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 from textual.notifications import Notification
 
-from calib.posterior.cells import SessionCase
-from calib.posterior.models import Posterior
-from calib.posterior.posterior import posterior
-from calib.tripod.effects.effect import Effect
 from tests import hidden_sessions
+from tests.posteriors import same_readings_same_posterior
 
-POSTERIORS: dict[bytes, Posterior] = {}
-"""By what they were worked out from, as bytes."""
-
-
-@pytest.fixture(autouse=True)
-def _same_readings_same_posterior(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Worked out once a process: screens show it, and many tests open the same session."""
-
-    def known(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None) -> Posterior:
-        key = pickle.dumps((cases, effects))
-        if key not in POSTERIORS:
-            POSTERIORS[key] = posterior(cases, effects)
-        return POSTERIORS[key]
-
-    monkeypatch.setattr("app.evaluating.correction.posterior", known)
+__all__ = ["same_readings_same_posterior"]
 
 
 @pytest.fixture(autouse=True)

@@ -14,6 +14,7 @@ from app.screens.interface import ChoiceDialog, HelpDialog
 from app.screens.plot import ChartPlot
 from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
+from tests.conftest import first_quick
 from tests.screens.diagnosing import diagnosed, drawn, verdict
 from tests.screens.driving import SIZE, said, text, until
 
@@ -130,7 +131,7 @@ async def test_the_small_choice_of_a_session(bowed: Path, monkeypatch: pytest.Mo
         await pilot.press("f10")
 
 
-@pytest.mark.parametrize("size", [SIZE, (120, 40)])
+@pytest.mark.parametrize("size", first_quick([SIZE, (120, 40)]))
 async def test_no_line_is_cut_off(doubtful: Path, size: tuple[int, int]) -> None:
     interface = Glidecal(DiagnoseScreen([doubtful]))
     async with interface.run_test(size=size) as pilot:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from textual.widgets import Input, OptionList, Static
 
+from app.evaluating.diagnosis import SessionDiagnosis
 from app.evaluating.solution import solve_files
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.interface import ChoiceDialog, TextDialog
@@ -26,7 +27,16 @@ from tests.screens.diagnosing import diagnosed, offered, verdict
 from tests.screens.driving import SIZE, said, text, until
 
 
-async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(bowed: Path) -> None:
+async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(
+    bowed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texts: list[int] = []
+
+    def in_words(diagnosis: SessionDiagnosis) -> str:
+        texts.append(id(diagnosis))
+        return "a diagnosis"
+
+    monkeypatch.setattr(SessionDiagnosis, "__repr__", in_words)
     interface = Glidecal(DiagnoseScreen([bowed]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await diagnosed(pilot, interface)
@@ -56,6 +66,7 @@ async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(bowed: Path) -
         await pilot.press("a")
         await until(pilot, "nothing", lambda: "Nothing to adopt" in said(interface))
         await pilot.press("f10")
+    assert not texts, "to put all its numbers in words takes seconds, in the thread that draws"
 
 
 async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> None:

@@ -28,6 +28,7 @@ from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.search import BestPostures, Search, searches
+from tests.conftest import LONG
 from tests.screens.driving import SIZE, looked, said, text, until
 
 BRAILLE = range(0x2801, 0x2900)
@@ -261,6 +262,7 @@ async def test_leaving_while_it_searches(gate: Gate) -> None:
     assert gate.counts == [9, 9]
 
 
+@LONG
 async def test_quitting_while_it_searches(gate: Gate) -> None:
     interface = Glidecal(HexaSlideScreen())
     async with interface.run_test(size=SIZE) as pilot:
@@ -274,6 +276,7 @@ async def test_quitting_while_it_searches(gate: Gate) -> None:
     assert gate.counts == [9, 9]
 
 
+@LONG
 async def test_count_of_postures(gate: Gate) -> None:
     interface = Glidecal(HexaSlideScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:

@@ -26,7 +26,7 @@ from protocols.journal import write_whole
 from protocols.machine import load_machine
 from protocols.record import read_record
 from protocols.session import Line, Reading
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, first_quick
 from tests.screens.driving import SIZE, history_shown, rows, text, until
 
 SESSION = SAMPLES / "experiment_2_twelve.jsonl"
@@ -149,7 +149,7 @@ def thirty_machines() -> History:
     return History(Path(), tuple(machines), ())
 
 
-@pytest.mark.parametrize("size", [SIZE, (40, 20)])
+@pytest.mark.parametrize("size", first_quick([SIZE, (40, 20)]))
 async def test_a_machine_of_thirty_is_chosen(size: tuple[int, int]) -> None:
     """A list of machines first; Enter shows the sessions of one, and its three charts alone."""
     interface = Glidecal(HistoryScreen(thirty_machines()))

@@ -14,6 +14,7 @@ from app.screens.plot import ChartPlot
 from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from drivers.profile import IndicatorReading
+from tests.conftest import first_quick
 from tests.screens.driving import numbers, press_for, quick_plan, take, text, to_measuring, until
 
 STEPS_OF_A_LEG = 10
@@ -24,7 +25,7 @@ def charted(interface: Interface) -> str:
     return str(interface.screen.query_one(ChartPlot).render())
 
 
-@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+@pytest.mark.parametrize("size", first_quick([(80, 24), (120, 40)]))
 async def test_the_review_is_whole_and_gives_the_session_back(
     tmp_path: Path, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -80,7 +80,7 @@ async def test_words_in_colour_are_legible_in_every_theme() -> None:
 
 
 @pytest.mark.parametrize("theme", first_quick(["textual-dark", "textual-light"]))
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", first_quick(SIZES))
 async def test_a_result_opens_on_the_numbers_to_enter_and_the_next_step(
     samples: Path, size: tuple[int, int], theme: str
 ) -> None:

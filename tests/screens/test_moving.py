@@ -224,7 +224,7 @@ async def test_g_that_is_held_counts_once(tmp_path: Path) -> None:
         await moved.says("Set up at leg X")
 
 
-@pytest.mark.parametrize("late_s", [0.0, 0.3])
+@pytest.mark.parametrize("late_s", first_quick([0.0, 0.3]))
 async def test_space_meant_as_stop_just_after_the_arrival_moves_nothing(
     late_s: float, tmp_path: Path
 ) -> None:
@@ -238,7 +238,9 @@ async def test_space_meant_as_stop_just_after_the_arrival_moves_nothing(
         assert len(moved.twin.moves) == 1
 
 
-@pytest.mark.parametrize("trouble", [MotionTrouble.ESTOP, MotionTrouble.NAK, "indicator"])
+@pytest.mark.parametrize(
+    "trouble", first_quick([MotionTrouble.ESTOP, MotionTrouble.NAK, "indicator"])
+)
 async def test_what_befalls_it_is_said_and_answered_before_it_moves(
     trouble: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -277,7 +279,8 @@ async def test_what_befalls_it_is_said_and_answered_before_it_moves(
 
 
 @pytest.mark.parametrize(
-    "trouble", [MotionTrouble.MODE, MotionTrouble.OVERRIDE, MotionTrouble.UNHOMED, "jog"]
+    "trouble",
+    first_quick([MotionTrouble.MODE, MotionTrouble.OVERRIDE, MotionTrouble.UNHOMED, "jog"]),
 )
 async def test_what_others_do_while_hands_are_in_it_is_said(trouble: str, tmp_path: Path) -> None:
     async with measuring(tmp_path) as moved:
@@ -335,7 +338,7 @@ async def test_a_machine_that_does_not_stop_is_said_in_red_until_it_does(tmp_pat
         await moved.comes(State.STOPPED, State.FAULT)
 
 
-@pytest.mark.parametrize("silent", [True, False])
+@pytest.mark.parametrize("silent", first_quick([True, False]))
 async def test_who_leaves_is_told_last_whether_the_machine_was_seen_to_stop(
     silent: bool, tmp_path: Path
 ) -> None:

@@ -37,7 +37,7 @@ from calib.errors import NotIdentifiable
 from calib.identify.solution import Subset
 from calib.posterior.tool_errors import ToolErrors
 from tests.app.exports.test_one_correction import shown_first
-from tests.conftest import LONG
+from tests.conftest import LONG, first_quick
 from tests.screens.driving import SIZE, quick_plan, text, until
 
 WIDE = (120, 40)
@@ -524,7 +524,7 @@ async def test_a_result_without_verification_has_no_such_page(
         assert "exported offsets must now be in the controller" in text(interface, "#words")
 
 
-@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+@pytest.mark.parametrize("size", first_quick([(80, 24), (120, 40)]))
 async def test_legs_are_turned_by_plus_and_minus(
     published: tuple[SessionSolution, Path], size: tuple[int, int]
 ) -> None:

@@ -22,7 +22,7 @@ import pytest
 
 from app.serving.server import MOST_TABS, replay_command
 from tests.app.cli import glidecal, refused
-from tests.conftest import SAMPLES
+from tests.conftest import LONG, SAMPLES, first_quick
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and /proc as on Unix")
 
@@ -194,7 +194,7 @@ async def test_a_tab_replays_and_its_process_ends_with_it(served: Served) -> Non
     assert served.process.poll() is None
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("how", first_quick([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]))
 async def test_the_end_of_the_server_ends_every_tab(served: Served, how: signal.Signals) -> None:
     processes: set[int] = set()
 
@@ -291,6 +291,7 @@ async def test_so_many_tabs_and_no_more(served: Served) -> None:
     assert (await asyncio.to_thread(fetch, served.address))[0] == 200
 
 
+@LONG
 async def test_no_tab_is_larger_than_any_screen(served: Served) -> None:
     """Twice too large: as it begins, and by a message."""
     async with (
@@ -312,7 +313,16 @@ async def test_no_tab_is_larger_than_any_screen(served: Served) -> None:
 
 @pytest.mark.parametrize(
     "message",
-    ["", "[]", "3", "[" * 100_000, '["resize", {"width": Infinity, "height": 1}]', '["stdin", 7]'],
+    first_quick(
+        [
+            "",
+            "[]",
+            "3",
+            "[" * 100_000,
+            '["resize", {"width": Infinity, "height": 1}]',
+            '["stdin", 7]',
+        ]
+    ),
 )
 async def test_what_no_page_sends_ends_its_tab_only(served: Served, message: str) -> None:
     async with (
@@ -328,6 +338,7 @@ async def test_what_no_page_sends_ends_its_tab_only(served: Served, message: str
     assert served.left() == ""
 
 
+@LONG
 async def test_a_process_that_does_not_listen_ends_with_its_tab(served: Served) -> None:
     async with (
         aiohttp.ClientSession() as session,

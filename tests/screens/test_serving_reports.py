@@ -274,6 +274,7 @@ def simulated(path: Path, **changes: object) -> None:
     write_whole(path, session.opened, [*session.readings])
 
 
+@LONG
 async def test_each_machine_has_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is not worked out yet is counted; the page loads itself until nothing is missing."""
     monkeypatch.setattr(reports, "WORKING_OUT_S", 0.0)

@@ -26,7 +26,7 @@ from app.screens.what_if import WhatIfScreen
 from protocols.effect_entries import EffectEntry, ParameterEntry
 from protocols.model_file import ModelFile, read_model_file
 from protocols.record import read_record
-from tests.conftest import SAMPLES
+from tests.conftest import LONG, SAMPLES, first_quick
 from tests.hidden_sessions import write_session
 from tests.screens.diagnosing import diagnosed, offered, verdict
 from tests.screens.driving import SIZE, rows, said, text, until
@@ -110,6 +110,7 @@ async def test_figures_follow_the_size_as_in_python(bowed: Path) -> None:
     assert bowed.read_bytes() == before
 
 
+@LONG
 async def test_the_scale_stays_while_a_size_is_moved(bowed: Path) -> None:
     """Between nothing and about twice the size that fits; beyond it grows, and does not shrink."""
     interface = Glidecal(DiagnoseScreen([bowed]))
@@ -234,7 +235,7 @@ async def test_what_cannot_be_told_apart_is_said(doubtful: Path) -> None:
         await pilot.press("f10")
 
 
-@pytest.mark.parametrize("late", ["usual", "begin"])
+@pytest.mark.parametrize("late", first_quick(["usual", "begin"]))
 async def test_wrong_moments(bowed: Path, monkeypatch: pytest.MonkeyPatch, late: str) -> None:
     interface = Glidecal(screen := DiagnoseScreen([bowed]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
@@ -313,6 +314,7 @@ async def test_who_only_looks_adopts_nothing(tmp_path: Path) -> None:
     assert [entry.name for entry in tmp_path.iterdir()] == ["sweep.jsonl"]
 
 
+@LONG
 async def test_a_size_that_readings_do_not_show_can_be_moved_all_the_same(tmp_path: Path) -> None:
     """One temperature: no fit tells an expansion by it."""
     record = read_record(SAMPLES / "experiment_2_twelve.jsonl")

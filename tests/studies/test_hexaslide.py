@@ -17,7 +17,7 @@ from calib.arrays import FloatArray
 from calib.hexaslide.planning import conditions_at, look_at
 from protocols.hexaslide import load_postures
 from studies.hexaslide import SETS
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT, first_quick
 
 PAGE = ROOT / "docs" / "hexaslide.md"
 
@@ -88,7 +88,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture(params=["committed", "made"])
+@pytest.fixture(params=first_quick(["committed", "made"]))
 def path(request: pytest.FixtureRequest) -> Path:
     if request.param == "committed":
         return PAGE
@@ -163,6 +163,7 @@ def test_a_tilt_measured_too(page: str) -> None:
     assert table["`x,y,z,theta,psi,phi`"][0] == "49 of 49"
 
 
+@LONG
 def test_the_committed_page_is_that_of_the_script(made: Path) -> None:
     """Sentences, not numbers: everything outside tables and commands."""
     committed = PAGE.read_text(encoding="utf-8")

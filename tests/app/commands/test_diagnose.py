@@ -113,6 +113,7 @@ def test_the_first_line_is_the_verdict(tmp_path: Path) -> None:
     assert quiet.out.splitlines()[0].startswith("AGREES.")
 
 
+@LONG
 def test_no_size_that_no_machine_has_would_have_been_found(tmp_path: Path) -> None:
     """At a leg of a delta the bar hardly moves across the indicator: nothing shows its tilt."""
     session = tmp_path / "bars.jsonl"
@@ -194,6 +195,7 @@ def test_published_experiments_claim_no_single_name(samples: Path) -> None:
     assert any(value is not None for value in gaps)
 
 
+@LONG
 def test_what_table_1_leaves_in_experiment_2_it_leaves_in_3(samples: Path) -> None:
     """Whatever its name is: bars of their tolerance cannot do it, and it is there again."""
     diagnosis = diagnosed(
@@ -206,6 +208,7 @@ def test_what_table_1_leaves_in_experiment_2_it_leaves_in_3(samples: Path) -> No
     assert gap["after_rms_mm"] < 0.02
 
 
+@LONG
 def test_three_sessions_leave_one_pattern(samples: Path) -> None:
     """As docs/published.md says: share 0.987, by chance once in 2000 times or rarer."""
     diagnosis = diagnosed(*(samples / f"experiment_{k}_six.jsonl" for k in (1, 2, 3)))
@@ -214,6 +217,7 @@ def test_three_sessions_leave_one_pattern(samples: Path) -> None:
     assert diagnosis["pattern"]["reproducible"] is True
 
 
+@LONG
 def test_several_sessions_keep_their_own_offsets(samples: Path) -> None:
     diagnosis = diagnosed(
         samples / "experiment_2_twelve.jsonl", samples / "experiment_3_twelve.jsonl"
@@ -341,6 +345,7 @@ def test_what_has_no_name_is_adopted_as_a_law(tmp_path: Path) -> None:
     assert "No effects." in removed.out
 
 
+@LONG
 def test_beside_names_the_law_is_asked_for(tmp_path: Path) -> None:
     session, _ = nameless(tmp_path)
     target = tmp_path / "named.json"
@@ -390,6 +395,7 @@ def test_where_nothing_is_open_no_measurement_is_proposed(tmp_path: Path, sample
     assert not target.exists()
 
 
+@LONG
 def test_a_best_guess_is_not_called_named(samples: Path) -> None:
     run = glidecal("diagnose", samples / "experiment_3_six.jsonl")
     assert run.out.startswith("CANNOT-TELL.")

@@ -18,6 +18,7 @@ from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.search import Search
 from protocols.hexaslide import load_hexaslide, load_postures
 from tests.app.cli import glidecal, refused
+from tests.conftest import LONG
 
 VERB = ("postures", "hexaslide", "--procedure", "pose-inverse")
 H60 = load_hexaslide()
@@ -58,6 +59,7 @@ def test_found_postures_are_written_and_can_be_judged(tmp_path: Path) -> None:
     assert judged["coordinates_on_bound"] == report["coordinates_on_bound"]
 
 
+@LONG
 def test_a_file_is_the_first_start(tmp_path: Path) -> None:
     path = random_file(tmp_path, 10)
     request = Request("pose-inverse", posture_file=path)

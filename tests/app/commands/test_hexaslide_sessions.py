@@ -45,7 +45,7 @@ from protocols.hexaslide_session import (
 )
 from protocols.journal import write_whole
 from tests.app.cli import PROCESSES, glidecal, refused
-from tests.conftest import LONG, ROOT
+from tests.conftest import LONG, ROOT, first_quick
 
 Rows = list[list[str]]
 KILLED_SEED = 6
@@ -243,7 +243,7 @@ def test_one_value_that_is_off_by_little_is_told_and_kept(pose: Path, tmp_path: 
     assert odd[0].startswith("line 5, ")
 
 
-@pytest.mark.parametrize("procedure", procedure_names())
+@pytest.mark.parametrize("procedure", first_quick(procedure_names()))
 def test_a_simulated_session_is_calibrated_to_its_machine(procedure: str, tmp_path: Path) -> None:
     """Independent of what the program says of itself: the platform against the hidden machine."""
     path = simulated(tmp_path / "s.jsonl", procedure, 11)
@@ -353,6 +353,7 @@ def test_what_departs_is_questioned_and_explained(tmp_path: Path) -> None:
     assert sorted(session.superseded) == [16, 17]
 
 
+@LONG
 def test_good_sessions_are_not_questioned(tmp_path: Path) -> None:
     for seed in range(8):
         name = procedure_names()[seed % len(procedure_names())]

@@ -16,7 +16,7 @@ from protocols.record import read_record
 from protocols.session import fold
 from tests.app.cli import glidecal, refused
 from tests.blind.linear_delta import Hidden, table, tool
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 
 MACHINE = ("--machine", "linear-delta")
 PERFECT = Hidden()
@@ -197,6 +197,7 @@ def verified(folder: Path, before: Hidden, after: Hidden) -> dict[str, str]:
     return {offset["name"]: offset["entered"] for offset in report["offsets"]}
 
 
+@LONG
 def test_offsets_that_were_not_entered_are_seen_on_a_plate(tmp_path: Path) -> None:
     """What all towers share is not known by 1 mm; each less that is, by hundredths."""
     off = Hidden(offset_mm=(0.4, -0.5, 0.1))

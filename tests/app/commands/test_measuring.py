@@ -312,6 +312,7 @@ def test_set_up_after_set_up_until_the_bound_is_reached(
     assert (measured[1].procedure.name, measured[1].procedure.cycles) == ("further", 1)
 
 
+@LONG
 def test_where_more_does_not_help_it_stops(
     tmp_path: Path, measured: list[Plan], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -219,6 +219,7 @@ def test_a_budget_that_leaves_one_station() -> None:
 TWELVE = ("postures", "orthoglide", "--procedure", "zero-max-min", "--count", "12")
 
 
+@LONG
 def test_postures_are_moved_off_the_grid_unless_it_is_to_be_kept() -> None:
     free, on_grid = document(*TWELVE), document(*TWELVE, "--no-refine")
     assert on_grid["grid_value"] is None
@@ -362,6 +363,7 @@ def test_a_proposed_measurement_is_a_procedure(samples: Path, tmp_path: Path) ->
     assert glidecal("run", "--dry-run", "--protocol", path, "-o", tmp_path / "s.jsonl").status == 0
 
 
+@LONG
 def test_bars_with_a_zero_each_are_planned_measured_and_planned_again(tmp_path: Path) -> None:
     """A linear delta, which stands above the Zero of a bar and hardly below it."""
     machine, path, session = load_machine("linear-delta"), tmp_path / "p.toml", tmp_path / "s.jsonl"

@@ -27,6 +27,7 @@ def test_another_set_comes_from_the_choice_and_tells_what_a_solution_of_its_own_
         assert view.corrections is solved.corrections
 
 
+@LONG
 def test_everything_at_once(samples: Path) -> None:
     session = samples / "simulated_zero-max-min.jsonl"
     arguments = ("--tolerance", "0.08", "--map", "--monte-carlo", "3000")

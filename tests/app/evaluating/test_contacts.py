@@ -18,7 +18,7 @@ from protocols.session import Session, fold
 from protocols.table import opened_table
 from tests.app.cli import glidecal
 from tests.blind.linear_delta import Hidden, Three, contacts, places, table, touched
-from tests.conftest import LONG
+from tests.conftest import LONG, first_quick
 
 OF_INDICATORS = {
     *("gauge_gain", "gauge_tilt", "gauge_sign", "gauge_swap", "gauge_hysteresis"),
@@ -80,7 +80,7 @@ def test_readings_of_an_indicator_keep_its_names(tmp_path: Path) -> None:
     assert "plate_tilt" not in ids
 
 
-@pytest.mark.parametrize("scale", [8e-3, -8e-3])
+@pytest.mark.parametrize("scale", first_quick([8e-3, -8e-3]))
 def test_a_belt_is_named_in_contacts(tmp_path: Path, scale: float) -> None:
     hidden = Hidden(offset_mm=(0.4, -0.3, 0.1), scale=(0.0, scale, 0.0))
     diagnosis = diagnose_sessions([session(tmp_path, contacts(hidden, 3))]).diagnosis
@@ -89,7 +89,7 @@ def test_a_belt_is_named_in_contacts(tmp_path: Path, scale: float) -> None:
     assert ("actuator_scale", "y") in named
 
 
-@pytest.mark.parametrize("bow_mm", [-0.5, 0.4])
+@pytest.mark.parametrize("bow_mm", first_quick([-0.5, 0.4]))
 def test_a_round_plate_and_a_wrong_radius_are_rivals(tmp_path: Path, bow_mm: float) -> None:
     """A dish of ten tolerances was called towers 1.26 mm too far out, with 0.98."""
     header, *lines = contacts(Hidden(), 3).splitlines()

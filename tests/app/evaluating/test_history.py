@@ -168,6 +168,7 @@ def test_a_rebuilt_machine_is_an_event(tmp_path: Path) -> None:
     assert machine.points[1].event == "machine file changed: leg_length_mm"
 
 
+@LONG
 def test_a_mechanical_change_begins_a_new_phase(tmp_path: Path) -> None:
     """Joint x drifts by 6 µm a month, too little to be called a change: three sessions before parts
     were moved and three after, each with the mean of its own.

@@ -12,7 +12,7 @@ from app.report.charts.bars import bar_rows
 from app.report.text.glance import Done, glance_text, next_text
 from protocols.record import read_record
 from tests.app.exports.first_page import differences, printer, printer_differences, simulated
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 
 @pytest.mark.parametrize("seed", first_quick([1, 7, 14]))
@@ -22,6 +22,7 @@ def test_what_is_shown_first_is_written_printed_and_judged(tmp_path: Path, seed:
     assert differences(path) == []
 
 
+@LONG
 @pytest.mark.parametrize("seed", first_quick([2, 3, 5]))
 def test_what_is_shown_of_a_printer_is_written(tmp_path: Path, seed: int) -> None:
     assert printer_differences(printer(tmp_path, seed)) == []

@@ -113,7 +113,7 @@ def real(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("kind", first_quick(REAL_READ))
 @pytest.mark.parametrize(
-    "options", [(), ("--subset", "leg-lengths")], ids=["correction", "lengths"]
+    "options", first_quick([(), ("--subset", "leg-lengths")]), ids=["correction", "lengths"]
 )
 def test_ten_contacts_of_a_real_printer_stay_at_their_height(
     kind: str, options: Sequence[str], real: Path, tmp_path: Path

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from tests.app.cli import glidecal, refused
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 
 MACHINES = ROOT / "protocols" / "machines"
 
@@ -82,6 +82,7 @@ def imported(folder: Path, name: str, day: str, offset_mm: float) -> Path:
     return session
 
 
+@LONG
 def test_values_are_for_the_session_that_was_measured_last(tmp_path: Path) -> None:
     """However sessions are named: a machine that drifted is corrected as it is now."""
     now = imported(tmp_path, "a", "2026-02-01", 0.20)

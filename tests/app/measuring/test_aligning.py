@@ -29,6 +29,7 @@ from protocols.record import read_record
 from protocols.session import Changed, fold
 from tests.app.cli import glidecal, refused
 from tests.blind.tilted import SHAPES, Hidden, table
+from tests.conftest import LONG
 
 MACHINE = Machine(rail_mm=(200.0, 400.0))
 FULL = load_procedure("align", MACHINE.geometry())
@@ -164,6 +165,7 @@ def test_a_simulated_machine_stays_as_it_was_moved(tmp_path: Path) -> None:
     )
 
 
+@LONG
 def test_the_next_session_starts_from_the_drives_as_they_lie(tmp_path: Path) -> None:
     """What a session tells of rails that are off, and one of that machine: nothing is left."""
     session, file, again = tmp_path / "a.jsonl", tmp_path / "lies.toml", tmp_path / "b.jsonl"

@@ -53,7 +53,7 @@ def arrives(mover: Mover) -> None:
         time.sleep(0.01)
 
 
-@pytest.mark.parametrize("name", TWINS)
+@pytest.mark.parametrize("name", first_quick(TWINS))
 def test_a_session_measures_itself(name: str, tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     questions: list[tuple[object, bool]] = []
@@ -211,7 +211,7 @@ def test_a_second_client_is_noticed_before_the_next_take(tmp_path: Path) -> None
     assert any("step 1 not taken" in text for text in notes)
 
 
-@pytest.mark.parametrize("moving", [True, False], ids=["on the way", "at rest"])
+@pytest.mark.parametrize("moving", first_quick([True, False]), ids=["on the way", "at rest"])
 def test_an_indicator_that_answers_late_is_asked_again(moving: bool, tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     with moving_session(path, SLOWER, profile=PROMPT) as (guided, bench, _):

@@ -38,7 +38,7 @@ from tests.app.measuring.moving_machine import (
     taken,
     wrong,
 )
-from tests.conftest import needs_links
+from tests.conftest import first_quick, needs_links
 from tests.drivers.motion.bench import BUSY
 
 JOINT = FAST.model_copy(update={"mdi": "joint"})
@@ -127,7 +127,7 @@ def notes(path: Path) -> str:
     return "\n".join(event.text for event in read_record(path).events if isinstance(event, Noted))
 
 
-@pytest.mark.parametrize("controller", TWINS)
+@pytest.mark.parametrize("controller", first_quick(TWINS))
 def test_each_carriage_is_proved_before_anything_longer(controller: str, tmp_path: Path) -> None:
     with unproved(tmp_path, controller=controller) as (plan, bench, twin):
         operator, start = Operator(bench), bench.axes.at_mm
@@ -151,15 +151,24 @@ def test_each_carriage_is_proved_before_anything_longer(controller: str, tmp_pat
 
 @pytest.mark.parametrize(
     ("wired", "words"),
-    [
-        (exchanged(0, 2, 1), "Sent carriage Y 5 mm outward, .*carriage Z move[sd] in its place"),
-        (exchanged(1, 0, 2), "Sent carriage X 5 mm outward, .*carriage Y move[sd] in its place"),
-        (times(1.0, 1 / 25.4, 1.0), "Sent carriage Y .*(0.0. times as far|or none did)"),
-        (times(1.0, 2.0, 2.0), "Sent carriage Y .*it goes too far"),
-        (times(1.0, 1.0, 0.5), "Sent carriage Z .*0.5[01] times as far"),
-        (times(1.0, 1.1, 1.0), "Sent carriage Y .*(it goes too far|1.1. times as far)"),
-        (times(1.0, 0.9, 1.0), "Sent carriage Y .*0.9. times as far"),
-    ],
+    first_quick(
+        [
+            (
+                exchanged(0, 2, 1),
+                "Sent carriage Y 5 mm outward, .*carriage Z move[sd] in its place",
+            ),
+            (
+                exchanged(1, 0, 2),
+                "Sent carriage X 5 mm outward, .*carriage Y move[sd] in its place",
+            ),
+            (times(1.0, 1 / 25.4, 1.0), "Sent carriage Y .*(0.0. times as far|or none did)"),
+            (times(1.0, 2.0, 2.0), "Sent carriage Y .*it goes too far"),
+            (times(1.0, 1.0, 0.5), "Sent carriage Z .*0.5[01] times as far"),
+            (times(1.0, 1.1, 1.0), "Sent carriage Y .*(it goes too far|1.1. times as far)"),
+            (times(1.0, 0.9, 1.0), "Sent carriage Y .*0.9. times as far"),
+        ],
+        several=True,
+    ),
 )
 def test_a_controller_that_moves_another_carriage_or_another_length_moves_nothing_longer(
     wired: Carriages, words: str, tmp_path: Path
@@ -189,7 +198,7 @@ def test_a_machine_that_takes_mm_for_inches_is_stopped_on_its_way(
         assert all(length <= MOST_MM for length in sent_mm(twin, start))
 
 
-@pytest.mark.parametrize("factors", [(-1.0, 1.0, 1.0), (1.0, 1.0, -1.0)])
+@pytest.mark.parametrize("factors", first_quick([(-1.0, 1.0, 1.0), (1.0, 1.0, -1.0)]))
 def test_a_wrong_direction_is_seen_by_the_operator(
     factors: tuple[float, float, float], tmp_path: Path
 ) -> None:

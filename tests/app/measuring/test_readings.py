@@ -19,6 +19,7 @@ from protocols.machine import Instrument, Machine
 from protocols.procedure import Leg, default_mount, load_procedure
 from protocols.session import Event, Mounted, Opened, Reading, fold
 from tests.app.measuring.simulated_operator import SCATTER_MM, Table, Tally, hidden, session, table
+from tests.conftest import LONG, first_quick
 
 FULL = "GLIDECAL_FUZZ" in os.environ
 SESSIONS = 334 if FULL else 5
@@ -27,7 +28,7 @@ MISTAKES = 500 if FULL else 60
 pytestmark = pytest.mark.timeout(3600)
 
 
-@pytest.mark.parametrize("automatic", [False, True])
+@pytest.mark.parametrize("automatic", first_quick([False, True]))
 def test_no_take_without_a_move_where_one_is_to_be_seen(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, automatic: bool
 ) -> None:
@@ -60,6 +61,7 @@ def wrong(right: tuple[float, float], displacement_mm: float) -> dict[str, tuple
     }
 
 
+@LONG
 def test_mistakes_of_the_set_up_are_found_before_the_second_reading_of_a_leg() -> None:
     """Where they differ from the truth by more than five deviations of the prediction."""
     hits, differing = Counter[str](), Counter[str]()

@@ -9,12 +9,17 @@ from pathlib import Path
 
 import pytest
 
+from app.evaluating.diagnosis import diagnose_files
 from app.evaluating.solution import solve_files
 from app.report.certificate import calibration_of, read_head
 from app.report.pages.contents import report_of
 from app.report.pages.report import html_of, pdf_of
 from app.report.text.tables import signed, uncertain
 from calib.errors import RecordError, UsageError
+from calib.posterior.cells import SessionCase
+from calib.posterior.models import Posterior
+from calib.posterior.posterior import posterior
+from calib.tripod.effects.effect import Effect
 from protocols.journal import write_whole
 from protocols.record import read_record
 from protocols.session import Noted, Superseded
@@ -113,12 +118,33 @@ def test_two_pages_are_enough_for_the_longest_words(
     check_pages(printed_pages(html_of(report)), "Certificate 2026-0042")
 
 
+@LONG
 def test_without_an_order_pages_are_of_the_record() -> None:
     report = report_of([SIXTY])
     assert report.identification == f"Record {read_record(SIXTY).digest[:12]}"
     html = html_of(report)
     assert re.search(r"<h1>Calibration report</h1>", html)
     assert r'content: "Record\000020' in html
+
+
+def test_a_report_works_out_one_posterior(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Solution and diagnosis share it; what is diagnosed is what a diagnosis alone says."""
+    posteriors: list[Posterior] = []
+
+    def counted(cases: Sequence[SessionCase], effects: Sequence[Effect] | None) -> Posterior:
+        posteriors.append(posterior(cases, effects))
+        return posteriors[-1]
+
+    monkeypatch.setattr("app.evaluating.correction.posterior", counted)
+    calibration = calibration_of([SIXTY])
+    shared, alone = calibration.diagnosed, diagnose_files([SIXTY])
+    assert shared.corrections.posterior is calibration.solved.posterior
+    assert len(posteriors) == 2, "of the report, and of the diagnosis beside it"
+    assert shared.diagnosis.verdict == alone.diagnosis.verdict
+    assert shared.diagnosis.sentence == alone.diagnosis.sentence
+    assert shared.tool.now.bound_in(shared.tool.frame) == pytest.approx(
+        alone.tool.now.bound_in(alone.tool.frame)
+    )
 
 
 def test_only_sessions_of_certified_indicators_are_traceable(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import os
 import pytest
 
 from tests.app.cli import glidecal
-from tests.conftest import ROOT
+from tests.conftest import ROOT, first_quick
 
 GOLDEN = ROOT / "tests" / "golden"
 SAMPLE = "sample_sessions/experiment_2_twelve.jsonl"
@@ -29,9 +29,13 @@ TEXTS: dict[str, tuple[str, ...]] = {
     },
     "dry_run": ("run", "--dry-run", "--protocol", "zero-max-min"),
 }
+SOLVED = ("solve_exact", "solve_linear", "solve_both")
+"""Of one session, in three ways."""
 
 
-@pytest.mark.parametrize("name", list(TEXTS))
+@pytest.mark.parametrize(
+    "name", first_quick(SOLVED) + [name for name in TEXTS if name not in SOLVED]
+)
 def test_text(name: str) -> None:
     run = glidecal(*TEXTS[name], cwd=GOLDEN.parent.parent)
     assert run.status == 0, run.err

@@ -27,6 +27,7 @@ from protocols.journal import write_whole
 from protocols.session import Line
 from tests.app.cli import glidecal, refused
 from tests.app.posture_sessions import TOLERANCE_MM, before_and_after, posture_session
+from tests.conftest import LONG, first_quick
 
 
 @pytest.fixture(scope="module")
@@ -81,6 +82,7 @@ def test_a_later_session_decides(pair: tuple[Path, Path], tmp_path: Path) -> Non
     assert words(streamed.out) == text
 
 
+@LONG
 def test_the_report_judges_by_the_tolerance_of_its_verification(
     pair: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -255,7 +257,7 @@ def truly_off_mm(path: Path) -> float:
     return 1000.0 * frames_apart(np.asarray(believed), np.asarray(stands), free).places_rms_m
 
 
-@pytest.mark.parametrize("procedure", ["position", "pose-forward"])
+@pytest.mark.parametrize("procedure", first_quick(["position", "pose-forward"]))
 def test_a_wrong_posture_does_not_spoil_the_machine(procedure: str, tmp_path: Path) -> None:
     """1 mm in one of the postures: believed, it left 0.11 mm at the platform instead of 0.013."""
     sound = posture_session(tmp_path / "sound.jsonl", procedure, 4)

@@ -34,7 +34,7 @@ from protocols.journal import write_whole
 from protocols.record import read_record
 from protocols.session import Line, Noted, Restored, Skipped, Superseded
 from tests.app.cli import glidecal
-from tests.conftest import SAMPLES
+from tests.conftest import LONG, SAMPLES
 from tests.hidden_sessions import write_session
 
 EXPERIMENT = SAMPLES / "experiment_2_twelve.jsonl"
@@ -184,6 +184,7 @@ def test_readings_that_were_questioned_stand_by_themselves(tmp_path: Path) -> No
     assert sentences == ["doubted.jsonl: 1 step left out: no room"]
 
 
+@LONG
 def test_readings_of_a_posture_stand_in_a_row_each_below_its_axis() -> None:
     (table,) = _tables(_section(report_of([SIMULATED]), f"Readings of {SIMULATED.name}"))
     headings = [str(column.header) for column in table.columns]
@@ -334,6 +335,7 @@ def test_names_of_a_hostile_record_are_text(tmp_path: Path) -> None:
         assert " ".join(printable(words).split()) in page.text
 
 
+@LONG
 def test_the_figures_of_a_plate_can_be_read(tmp_path: Path) -> None:
     """Names of positions stand upright, and the residuals of the positions beside each other."""
     path = tmp_path / "plate.jsonl"

@@ -73,6 +73,7 @@ def test_the_table_is_what_the_file_holds(tmp_path: Path) -> None:
             assert written == pytest.approx(value, abs=5.1e-4)
 
 
+@LONG
 def test_how_even_the_plate_would_be_is_what_the_firmware_would_show(tmp_path: Path) -> None:
     """Of ten contacts of a real printer, by the formulas of its firmware with the file."""
     session = session_of(tmp_path, real_eeprom())
@@ -169,6 +170,7 @@ def test_laws_without_words_for_printers_have_those_of_any_machine() -> None:
     assert tower_remedies([effect], TOWERS) == tower_remedies([effect], {})
 
 
+@LONG
 def test_a_stretched_belt_is_named_with_what_to_turn(tmp_path: Path) -> None:
     from tests.blind import linear_delta as blind
 

@@ -28,7 +28,7 @@ FOLDER = ROOT / "docs" / "schemas"
 ID = re.compile(r"glidecal\.([a-z-]+)/(\d+)")
 SAMPLES = ROOT / "sample_sessions"
 TWELVE, THREE = (str(SAMPLES / f"experiment_{n}_twelve.jsonl") for n in (2, 3))
-SWEEP = str(SAMPLES / "simulated_sweep.jsonl")
+SWEEP, SHORT = (str(SAMPLES / f"simulated_{name}.jsonl") for name in ("sweep", "zero-max-min"))
 EXTRAS = ("--tolerance", "0.3", "--map", "--monte-carlo", "20", "--subset", "both")
 
 
@@ -88,7 +88,7 @@ def kept(text: str) -> str:
         ("comparison", ("compare", TWELVE, THREE)),
         ("replay", ("replay", TWELVE)),
         ("ports", ("ports",)),
-        ("plan", ("plan", TWELVE)),
+        ("plan", ("plan", SHORT)),
         ("identifiability", ("identifiability", "orthoglide", "--procedure", "sweep")),
         (
             "identifiability",

@@ -54,12 +54,15 @@ def test_readings_without_any_scatter_name_nothing(
 
 @pytest.mark.parametrize(
     ("name", "place", "value", "where"),
-    [
-        ("axis_squareness", "xy", 0.6, "xy"),
-        ("backlash", "y", 0.03, "y"),
-        ("leg_bow", "xz", 0.05, "xz"),
-        ("thermal_drift", "z", 300.0, "z"),
-    ],
+    first_quick(
+        [
+            ("axis_squareness", "xy", 0.6, "xy"),
+            ("backlash", "y", 0.03, "y"),
+            ("leg_bow", "xz", 0.05, "xz"),
+            ("thermal_drift", "z", 300.0, "z"),
+        ],
+        several=True,
+    ),
 )
 def test_one_effect_is_named_with_place_and_size(
     name: str, place: str, value: float, where: str
@@ -137,10 +140,13 @@ def test_without_repeats_and_noise_nothing_is_judged() -> None:
 
 @pytest.mark.parametrize(
     ("change", "name", "where"),
-    [
-        (lambda v, o: np.where((o.leg == 0) & (o.axis == 1), -v, v), "gauge_sign", "xy"),
-        (lambda v, o: np.where((o.leg == 2) & (o.axis == 0), v / 25.4, v), "unit_mixup", "zx"),
-    ],
+    first_quick(
+        [
+            (lambda v, o: np.where((o.leg == 0) & (o.axis == 1), -v, v), "gauge_sign", "xy"),
+            (lambda v, o: np.where((o.leg == 2) & (o.axis == 0), v / 25.4, v), "unit_mixup", "zx"),
+        ],
+        several=True,
+    ),
 )
 def test_blunders_are_named_and_the_data_left_alone(change: object, name: str, where: str) -> None:
     assert callable(change)

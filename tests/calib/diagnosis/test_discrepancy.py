@@ -21,6 +21,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     names,
     with_values,
 )
+from tests.conftest import LONG
 
 OFF = (1.2, -0.9, 0.6, 0.03, -0.02, 0.01)
 
@@ -51,6 +52,7 @@ def test_a_cube_of_travel_is_described_and_never_named() -> None:
     assert gap.after_rms_mm < 0.5 * gap.before_rms_mm
 
 
+@LONG
 def test_held_out_sessions_judge_the_law() -> None:
     sessions = [case(TWO_STATION, cube(800.0), seed=seed) for seed in (3, 4)]
     gap = law_of(diagnose(sessions[:1], CATALOGUE, sessions[1:])).held_out_gap

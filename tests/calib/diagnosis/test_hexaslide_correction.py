@@ -11,7 +11,7 @@ from calib.hexaslide.checked import PAIRS, inner_lengths
 from protocols.hexaslide import load_hexaslide
 from tests.blind.hexaslide import LEAD_M, POSTURES, Array, Hidden, Plain, hidden, measured
 from tests.blind.hexaslide_correction import Remaining, remaining
-from tests.conftest import LONG
+from tests.conftest import LONG, first_quick
 
 SHOWN = {
     Hidden("rail_scale", 2, 5e-4): 0.9,
@@ -22,7 +22,7 @@ SHOWN = {
 """Causes that the readings show, and the most of a plain fit's error that may remain."""
 
 
-@pytest.mark.parametrize("what", SHOWN, ids=lambda what: what.cause)
+@pytest.mark.parametrize("what", first_quick(SHOWN), ids=lambda what: what.cause)
 def test_a_cause_beside_the_parameters_no_longer_bends_them(what: Hidden) -> None:
     machine = remaining("position", 3, what)
     assert machine.entered_mm < SHOWN[what] * machine.plain_mm
@@ -30,7 +30,7 @@ def test_a_cause_beside_the_parameters_no_longer_bends_them(what: Hidden) -> Non
     assert machine.entered_mm < 1.05 * machine.bound_mm < 3.0 * machine.entered_mm
 
 
-@pytest.mark.parametrize("kind", ["pose-forward", "position"])
+@pytest.mark.parametrize("kind", first_quick(["pose-forward", "position"]))
 def test_a_sound_machine_is_entered_as_it_was_fitted(kind: str) -> None:
     machine = remaining(kind, 5, Hidden(None))
     assert machine.entered_mm == pytest.approx(machine.plain_mm, rel=0.1)

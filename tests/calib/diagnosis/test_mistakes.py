@@ -27,7 +27,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     with_readings,
     with_values,
 )
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 SCATTER_MM = 0.002
 SINGLE = ("wild_reading", "label_error")
@@ -120,7 +120,16 @@ def single(diagnosis: Diagnosis) -> list[Finding]:
 
 @pytest.mark.parametrize(
     ("conditions", "first", "by_mm"),
-    [(SHORT, 2, 0.05), (SHORT, 7, -0.05), (SWEEP, 11, 0.05), (SWEEP, 12, -0.1), (SWEEP, 17, 0.05)],
+    first_quick(
+        [
+            (SHORT, 2, 0.05),
+            (SHORT, 7, -0.05),
+            (SWEEP, 11, 0.05),
+            (SWEEP, 12, -0.1),
+            (SWEEP, 17, 0.05),
+        ],
+        several=True,
+    ),
 )
 def test_a_slip_is_no_drift_and_no_wild_reading(
     conditions: Observations, first: int, by_mm: float
@@ -154,7 +163,7 @@ def test_slip_drift_and_wild_readings_are_told_apart(seed: int) -> None:
 
 
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
-@pytest.mark.parametrize("play_mm", [0.0, 0.03])
+@pytest.mark.parametrize("play_mm", first_quick([0.0, 0.03]))
 @pytest.mark.parametrize(
     ("size", "sessions"), first_quick([(5.0, 2), (1.0, 2), (25.0, 4)], several=True)
 )
@@ -184,6 +193,7 @@ def test_a_wrong_label_that_leaves_no_repeat() -> None:
     assert left_out(diagnosis, len(observed)) == [row]
 
 
+@LONG
 def test_two_readings_under_one_label_and_the_wrong_one_is_told() -> None:
     """Zero written down as +60 mm: both stand beside each other, repeats of one approach."""
     session = case(SHORT, seed=2)
@@ -207,6 +217,7 @@ def test_a_reading_under_the_other_leg(conditions: Observations) -> None:
     assert left_out(diagnosis, len(observed)) == [row]
 
 
+@LONG
 def test_a_wrong_label_beside_a_drift() -> None:
     session = case(SHORT, EffectInstance(LAWS["thermal_drift"], "x", (400.0,)), seed=4)
     observed = session.observed
@@ -228,7 +239,8 @@ def test_of_two_repeats_the_other_postures_tell_which_is_wild() -> None:
 
 
 @pytest.mark.parametrize(
-    ("end", "ids"), [(0, {"first_take", "wild_reading"}), (-1, {"wild_reading"})]
+    ("end", "ids"),
+    first_quick([(0, {"first_take", "wild_reading"}), (-1, {"wild_reading"})], several=True),
 )
 def test_at_either_end_a_reading_that_stands_apart_is_left_out(end: int, ids: set[str]) -> None:
     """A stand that moved before the last one, or after the first, would leave the same readings."""
@@ -250,7 +262,7 @@ def test_a_flicker_of_the_display_is_no_wild_reading() -> None:
     assert (single(diagnosis), diagnosis.verdict) == ([], "agrees")
 
 
-@pytest.mark.parametrize("factor", [25.4, 1.0 / 25.4])
+@pytest.mark.parametrize("factor", first_quick([25.4, 1.0 / 25.4]))
 def test_readings_in_inches_bring_their_scatter_with_them(factor: float) -> None:
     session = case(SWEEP, EffectInstance(LAWS["gauge_gain"], "xy", (1.0,)), seed=8)
     observed = session.observed
@@ -273,6 +285,7 @@ def read_along(observed: Observations, leg: int, axis: int) -> IntArray:
     return np.flatnonzero((observed.leg == leg) & (observed.axis == axis))
 
 
+@LONG
 @pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_indicators_swapped_at_one_station_only(seed: int) -> None:
     session = case(TWO_STATION, seed=seed)
@@ -297,6 +310,7 @@ def test_indicators_swapped_at_all_stations_are_one_mistake(seed: int) -> None:
     assert mistake.title == "indicators exchanged"
 
 
+@LONG
 @pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_swapped_indicators_beside_a_strong_effect(seed: int) -> None:
     session = case(SWEEP, EffectInstance(LAWS["axis_offset"], "xy", (0.6,)), seed=seed)
@@ -309,13 +323,16 @@ def test_swapped_indicators_beside_a_strong_effect(seed: int) -> None:
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
 @pytest.mark.parametrize(
     ("effect", "where", "values"),
-    [
-        ("backlash", "y", (0.08,)),
-        ("thermal_drift", "z", (3000.0,)),
-        ("leg_taper", "zx", (0.4,)),
-        ("gauge_gain", "xy", (8.0,)),
-        ("axis_offset", "xy", (2.0,)),
-    ],
+    first_quick(
+        [
+            ("backlash", "y", (0.08,)),
+            ("thermal_drift", "z", (3000.0,)),
+            ("leg_taper", "zx", (0.4,)),
+            ("gauge_gain", "xy", (8.0,)),
+            ("axis_offset", "xy", (2.0,)),
+        ],
+        several=True,
+    ),
 )
 def test_strong_effects_are_no_mistakes(
     conditions: Observations, effect: str, where: str, values: tuple[float, ...]
@@ -329,24 +346,27 @@ def test_strong_effects_are_no_mistakes(
         assert mistakes(diagnose([session], CATALOGUE)) == []
 
 
-@pytest.mark.parametrize("conditions", first_quick([SWEEP, TWO_STATION]))
-def test_repeats_read_in_place_get_no_name(conditions: Observations) -> None:
+@pytest.mark.parametrize(
+    ("conditions", "sessions"),
+    first_quick([(SWEEP, 4), (SWEEP, 12), (TWO_STATION, 12)], several=True),
+)
+def test_repeats_read_in_place_get_no_name(conditions: Observations, sessions: int) -> None:
     """Every posture is off by the scatter of a reading; the repeats do not show it."""
     keys = np.stack([conditions.mount, conditions.displacement_mm, conditions.approach])
     cell = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
     doubts, named = 0, 0
-    for seed in range(12):
+    for seed in range(sessions):
         session = case(conditions, seed=seed)
         noise = SCATTER_MM * np.random.default_rng([7, seed]).normal(size=cell.max() + 1)
         diagnosis = diagnose([with_values(session, session.observed.value_mm + noise[cell])])
         assert diagnosis.verdict != "explained"
         doubts += diagnosis.verdict in ("unexplained", "partly-explained")
         named += bool(diagnosis.effects)
-    assert doubts >= 10
+    assert doubts >= sessions - 2
     assert named <= 1
 
 
-@pytest.mark.parametrize("off", [0.0, 2.0])
+@pytest.mark.parametrize("off", first_quick([0.0, 2.0]))
 def test_a_reading_that_another_posture_has_is_a_wrong_label(off: float) -> None:
     session = case(SWEEP, seed=2)
     row, partner = (int(rows_at(session.observed, 2, level)[1]) for level in (22.0, -37.0))
@@ -357,8 +377,10 @@ def test_a_reading_that_another_posture_has_is_a_wrong_label(off: float) -> None
     assert left_out(diagnosis, len(session.observed)) == [row]
 
 
-@pytest.mark.parametrize(("conditions", "level"), [(SWEEP, -37.0), (TWO_STATION, 60.0)])
-@pytest.mark.parametrize("by_mm", [0.05, -0.3])
+@pytest.mark.parametrize(
+    ("conditions", "level"), first_quick([(SWEEP, -37.0), (TWO_STATION, 60.0)], several=True)
+)
+@pytest.mark.parametrize("by_mm", first_quick([0.05, -0.3]))
 def test_a_posture_that_was_another_in_all_cycles(
     conditions: Observations, level: float, by_mm: float
 ) -> None:
@@ -406,7 +428,7 @@ def test_a_reading_of_heavy_tails_is_not_moved() -> None:
 
 
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
-@pytest.mark.parametrize("size_mm", [0.1, 0.4, 5.0])
+@pytest.mark.parametrize("size_mm", first_quick([0.1, 0.4, 5.0]))
 def test_two_mistakes_do_not_hide_each_other(conditions: Observations, size_mm: float) -> None:
     """Each of them alone would make the other look like scatter."""
     for seed in range(3):
@@ -420,6 +442,7 @@ def test_two_mistakes_do_not_hide_each_other(conditions: Observations, size_mm: 
         assert {first, second} <= {*left_out(diagnosis, len(observed))}
 
 
+@LONG
 def test_two_mistakes_are_not_reported_as_noise() -> None:
     session = case(SHORT, seed=4)
     value = session.observed.value_mm.copy()
@@ -439,14 +462,15 @@ def wildest(noises: Sequence[FloatArray], count: int) -> list[tuple[int, FloatAr
     return order[:count]
 
 
+@pytest.mark.parametrize("count", first_quick([3, 10]))
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
-def test_heavy_tails_hold_no_wrong_labels(conditions: Observations) -> None:
+def test_heavy_tails_hold_no_wrong_labels(conditions: Observations, count: int) -> None:
     """Of forty sessions; were labels doubted from 6 standard deviations on, three would fail."""
     noises = [
         SCATTER_MM * np.random.default_rng([8, seed]).standard_t(3, len(conditions))
         for seed in range(40)
     ]
-    for seed, noise in wildest(noises, 10):
+    for seed, noise in wildest(noises, count):
         session = case(conditions, seed=seed, scatter_mm=1e-9)
         diagnosis = diagnose([with_values(session, session.observed.value_mm + noise)])
         assert "label_error" not in {effect.id for effect in mistakes(diagnosis)}
@@ -472,15 +496,18 @@ def test_first_readings_off_by_a_large_play_are_not_wild(conditions: Observation
         assert single(diagnose([case(conditions, *plays, seed=seed)], CATALOGUE)) == []
 
 
+@pytest.mark.parametrize("count", first_quick([4, 14]))
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
-def test_indicators_that_scatter_unequally_are_no_mistakes(conditions: Observations) -> None:
+def test_indicators_that_scatter_unequally_are_no_mistakes(
+    conditions: Observations, count: int
+) -> None:
     """One of six scatters three times as much as the others, in forty sessions."""
     noises = []
     for seed in range(40):
         larger = np.where(conditions.mount == seed % conditions.mount_count, 3.0, 1.0)
         noise = SCATTER_MM * np.random.default_rng([8, seed]).normal(size=len(conditions))
         noises.append(noise * larger)
-    for seed, noise in wildest(noises, 14):
+    for seed, noise in wildest(noises, count):
         session = case(conditions, seed=seed, scatter_mm=1e-9)
         diagnosis = diagnose([with_values(session, session.observed.value_mm + noise)])
         assert single(diagnosis) == []

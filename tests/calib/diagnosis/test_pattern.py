@@ -15,6 +15,7 @@ from calib.diagnosis.results import SharedPattern
 from calib.posterior.cells import Cells, SessionCase
 from calib.tripod.effects import CATALOGUE
 from tests.calib.diagnosis.diagnosed_sessions import SWEEP, case, diagnose, with_readings
+from tests.conftest import LONG, first_quick
 
 SAMPLES = Path("sample_sessions")
 TABLE_1 = {  # papers/000 table 1, Max - Min: x_y, y_x, y_z, z_y, x_z, z_x
@@ -46,7 +47,9 @@ def published(*numbers: str, held_out: str = "") -> SharedPattern:
     return pattern
 
 
-@pytest.mark.parametrize(("first", "second"), [("1", "2"), ("1", "3"), ("2", "3")])
+@pytest.mark.parametrize(
+    ("first", "second"), first_quick([("1", "2"), ("1", "3"), ("2", "3")], several=True)
+)
 def test_cosines_of_table_1_by_the_matrix_of_the_papers(first: str, second: str) -> None:
     """The exact model and bars of their tolerance change them by a hundredth at most."""
     (pair,) = published(first, held_out=second).pairs
@@ -55,6 +58,7 @@ def test_cosines_of_table_1_by_the_matrix_of_the_papers(first: str, second: str)
     assert pair.scale == pytest.approx(a @ b / (a @ a), rel=0.05)
 
 
+@LONG
 def test_what_is_left_in_experiments_2_and_3_is_one_pattern() -> None:
     """Of three directions a cosine c or more comes by chance with 1 - c."""
     pattern = published("2", held_out="3")
@@ -70,6 +74,7 @@ def test_what_is_left_in_experiments_2_and_3_is_one_pattern() -> None:
     )
 
 
+@LONG
 def test_the_twelve_differences_of_table_2_share_none() -> None:
     paths = [SAMPLES / f"experiment_{n}_twelve.jsonl" for n in "23"]
     diagnosis = diagnose_files(paths).diagnosis

@@ -39,6 +39,7 @@ from calib.hexaslide.procedures import (
 from calib.hexaslide.search import Search, best_postures
 from protocols.hexaslide import load_hexaslide
 from tests.calib.hexaslide.hexaslide_draws import SHAPES, drawn_machine, jacobian_and_slopes
+from tests.conftest import first_quick
 
 RANKS = {
     ProcedureKind.POSE_INVERSE: (49, 49, 9),
@@ -302,7 +303,10 @@ def test_individually_known_parameters_with_positions_only() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "limit"), [(ProcedureKind.POSE_INVERSE, 55.0), (ProcedureKind.POSE_FORWARD, 500.0)]
+    ("kind", "limit"),
+    first_quick(
+        [(ProcedureKind.POSE_INVERSE, 55.0), (ProcedureKind.POSE_FORWARD, 500.0)], several=True
+    ),
 )
 def test_best_postures_are_far_better_than_random_ones(kind: ProcedureKind, limit: float) -> None:
     design = best_postures(Procedure.of(kind), H60, 9, Search(starts=2))

@@ -19,13 +19,14 @@ from calib.hexaslide.procedures import Procedure, held_postures
 from calib.hexaslide.simulation import disturbed, measure
 from protocols.hexaslide import load_hexaslide
 from protocols.hexaslide_session import commands, load_posture_procedure, procedure_names
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 FILE = load_hexaslide()
 NOMINAL = FILE.whole()
 LENGTH_M, ANGLE_RAD = 1e-5, float(np.radians(1e-3))
 
 
+@LONG
 @pytest.mark.parametrize("name", first_quick(procedure_names()))
 def test_the_platform_bound_holds(name: str) -> None:
     """In 95 of 100: of 25 machines, 21 or more in all but three of a thousand such tests."""
@@ -79,7 +80,7 @@ def test_poor_postures_have_no_bound() -> None:
     assert (error.bound_m, error.left_open) == (None, 43)
 
 
-@pytest.mark.parametrize("name", ["position", "link-indicator"])
+@pytest.mark.parametrize("name", first_quick(["position", "link-indicator"]))
 def test_what_is_expected_is_what_is_read(name: str) -> None:
     """Departures over their deviations are standard normal, and these shrink as postures come."""
     stated = load_posture_procedure(name)

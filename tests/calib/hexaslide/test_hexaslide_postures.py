@@ -146,6 +146,7 @@ def test_condition_numbers_on_the_example_machine(kind: ProcedureKind) -> None:
     assert design.start_on_bound == 0
 
 
+@LONG
 def test_condition_numbers_rise_in_this_order() -> None:
     """Not that of papers/001: positions see less but see it better than whole poses."""
     order = (
@@ -259,6 +260,7 @@ def test_sets_that_do_not_show_enough_are_refused() -> None:
         )
 
 
+@LONG
 def test_the_benchmark_begins_both_searches_at_the_same_postures() -> None:
     procedure = PROCEDURES["pose-inverse"]
     begin = H60.box.random(9, np.random.default_rng(3))
@@ -281,6 +283,7 @@ def test_another_machine_is_planned_for_as_well() -> None:
     assert design.condition_number < design.start_condition_number / 5.0
 
 
+@LONG
 def test_the_papers_46_postures_are_judged_by_what_they_show() -> None:
     """Of 48 combinations 46 rows show 46; the paper comes from 601200 to 145230."""
     procedure, few = PROCEDURES["constraint-link"], Search(starts=1, few=True)
@@ -295,6 +298,7 @@ def test_the_papers_46_postures_are_judged_by_what_they_show() -> None:
         best_postures(PROCEDURES["pose-inverse"], H60, 8, few)
 
 
+@LONG
 def test_limits_of_sliders_are_kept_and_cost_something() -> None:
     procedure = PROCEDURES["pose-inverse"]
     travel = np.outer([0.25, 0.6], np.ones(6))

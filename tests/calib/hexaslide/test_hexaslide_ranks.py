@@ -24,6 +24,7 @@ from calib.hexaslide.procedures import COMPONENTS, ENDS, Procedure, ProcedureKin
 from protocols.hexaslide import load_hexaslide
 from tests.calib.hexaslide import prime_field as exact
 from tests.calib.hexaslide.hexaslide_draws import SHAPES, drawn_machine
+from tests.conftest import first_quick
 
 FUZZ = bool(os.environ.get("GLIDECAL_FUZZ"))
 SEEDS = 100 if FUZZ else 17
@@ -62,7 +63,7 @@ def example() -> HexaSlide:
     return machine.whole()
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", first_quick(SHAPES))
 def test_ranks_gaps_and_lost_motions_of_machines_drawn_from_nothing(shape: str) -> None:
     for seed in range(SEEDS):
         machine = drawn_machine(seed, shape)
@@ -168,7 +169,7 @@ def test_the_field_is_one_and_has_the_roots_that_are_used() -> None:
     assert exact.rank(np.array([[1, 2, 3], [2, 4, 6], [1, 0, exact.P - 1]])) == 2
 
 
-@pytest.mark.parametrize("shape", EXACT_SHAPES)
+@pytest.mark.parametrize("shape", first_quick(EXACT_SHAPES))
 def test_ranks_of_the_four_procedures_are_exact(shape: str) -> None:
     prime = exactly(shape)
     for kind, (rank, count) in RANKS.items():
@@ -182,7 +183,7 @@ def test_ranks_of_the_four_procedures_are_exact(shape: str) -> None:
         assert exact.rank(sphere[:, unknown(procedure)]) == prime.rank(procedure)
 
 
-@pytest.mark.parametrize("shape", ["any", "h60"])
+@pytest.mark.parametrize("shape", first_quick(["any", "h60"]))
 def test_every_measured_subset_has_the_exact_rank(shape: str) -> None:
     machine = example() if shape == "h60" else drawn_machine(1, shape)
     assert len(MEASURED) == 63
@@ -308,7 +309,10 @@ def test_fewest_postures_are_exact(procedure: Procedure) -> None:
 
 @pytest.mark.parametrize(
     ("constants", "ranks"),
-    [((3, 4, 5), (36, 36, 32, 29)), ((3, 4), (45, 45, 42, 42)), ((5,), None), ((2,), None)],
+    first_quick(
+        [((3, 4, 5), (36, 36, 32, 29)), ((3, 4), (45, 45, 42, 42)), ((5,), None), ((2,), None)],
+        several=True,
+    ),
 )
 def test_postures_too_much_alike_lose_what_exact_arithmetic_says(
     constants: tuple[int, ...], ranks: tuple[int, ...] | None

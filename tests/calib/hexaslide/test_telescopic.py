@@ -173,6 +173,7 @@ def test_a_drive_may_read_the_whole_length_of_its_leg() -> None:
         with_values(geometry, parameters)
 
 
+@LONG
 def test_the_blind_bench_names_nothing_wrong() -> None:
     """The first of its machines; a wrong name, or one on nothing, is a defect."""
     score = scored("pose-forward", 24, 12)

@@ -16,6 +16,7 @@ from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, measure
 from tests.calib.identify.identified import identify
+from tests.conftest import LONG
 
 LEAN_AND_PLAY = (
     Size("lean", "mrad", 0.5, ((0, 0),)),
@@ -73,6 +74,7 @@ def test_a_lean_no_longer_goes_into_the_offsets() -> None:
     assert LEAN_AND_PLAY[1].value(together.model) == together.sizes[1].value
 
 
+@LONG
 def test_stated_uncertainties_of_sizes_and_offsets_hold() -> None:
     """z-scores of 60 sessions with known noise: mean square 1 ± 4 standard deviations."""
     truth = machine(1.5, 0.04, 0.6, 0.2, -0.4, 0.0, 0.0, 0.0)

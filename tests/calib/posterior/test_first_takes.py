@@ -50,8 +50,8 @@ def within(observed: Observations, shares: tuple[float, float], seed: int) -> Se
     return with_values(session, value)
 
 
-@pytest.mark.parametrize("observed", [SHORT, SWEEP], ids=["short", "sweep"])
-@pytest.mark.parametrize("shares", [(0.5, 0.4), (0.6, 0.0)])
+@pytest.mark.parametrize("observed", first_quick([SHORT, SWEEP]), ids=["short", "sweep"])
+@pytest.mark.parametrize("shares", first_quick([(0.5, 0.4), (0.6, 0.0)]))
 def test_a_first_take_within_a_play_is_named_and_the_play_keeps_its_size(
     observed: Observations, shares: tuple[float, float]
 ) -> None:
@@ -73,7 +73,7 @@ def test_a_first_take_within_a_play_is_named_and_the_play_keeps_its_size(
     assert abs(size_mm - PLAY_MM) < 2.0 * math.sqrt(square)
 
 
-@pytest.mark.parametrize("observed", [SHORT, SWEEP], ids=["short", "sweep"])
+@pytest.mark.parametrize("observed", first_quick([SHORT, SWEEP]), ids=["short", "sweep"])
 @pytest.mark.parametrize("settled_mm", first_quick([0.06, 0.2]))
 def test_a_stand_that_settled_is_named_beside_the_play_of_another_carriage(
     observed: Observations, settled_mm: float

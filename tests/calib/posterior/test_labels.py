@@ -19,7 +19,7 @@ from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
 from tests.calib.posterior.sessions import SCATTER_MM, SHORT, SWEEP, case, with_values
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 
 def named(answer: Posterior, least: float = 0.5) -> list[tuple[str, str]]:
@@ -103,7 +103,7 @@ def test_a_stand_that_moved_is_named_with_its_first_reading() -> None:
     assert title == f"the stand moved before the reading at {words}, cycle {SWEEP.cycle[rows[0]]}"
 
 
-@pytest.mark.parametrize("off_mm", [0.1, 2.0])
+@pytest.mark.parametrize("off_mm", first_quick([0.1, 2.0]))
 def test_a_typing_error_is_named_and_pulls_nothing(off_mm: float) -> None:
     session = case(SHORT, seed=8)
     rows = rows_of(SHORT, "zy", -100.0)[:1]
@@ -142,6 +142,7 @@ def test_weights_of_all_ways_to_put_a_session_right_are_one() -> None:
     assert all(max(model.members, default=0) < len(answer.components) for model in answer.models)
 
 
+@LONG
 def test_a_mistake_in_one_of_two_sessions_is_that_of_the_one() -> None:
     first, second = case(SHORT, seed=1), case(SHORT, seed=1)
     value = second.observed.value_mm.copy()

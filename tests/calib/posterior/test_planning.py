@@ -191,6 +191,7 @@ def test_the_best_a_minute_come_first(play_or_screw: Planner) -> None:
     assert play_or_screw.more_helps
 
 
+@LONG
 def test_slow_mountings_make_long_set_ups_better() -> None:
     case, _ = session(SHORT, hidden("backlash", "x", 0.03), seed=2, scatter_mm=NOISE_MM)
     slow = planner_of(case, pace=Pace(minutes_per_mounting=60.0, seconds_per_step=1.0))

@@ -12,6 +12,7 @@ from calib.posterior.problem import EVERYWHERE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
 from tests.calib.posterior.hidden_machines import SHORT, TWO_STATION, hidden, session
+from tests.conftest import first_quick
 
 STEP = 1e-4
 ZERO_MM = 1e3
@@ -73,9 +74,11 @@ def dense(result: Posterior, model: Weighted) -> tuple[FloatArray, FloatArray]:
     )
 
 
-@pytest.mark.parametrize("observed", [SHORT, TWO_STATION], ids=["zero-max-min", "two-station"])
 @pytest.mark.parametrize(
-    "effects", [(), (hidden("gravity_sag", "y", 0.3),)], ids=["nothing", "sag"]
+    "observed", first_quick([SHORT, TWO_STATION]), ids=["zero-max-min", "two-station"]
+)
+@pytest.mark.parametrize(
+    "effects", first_quick([(), (hidden("gravity_sag", "y", 0.3),)]), ids=["nothing", "sag"]
 )
 def test_a_model_has_the_mean_and_the_spread_of_its_normal_equations(
     observed: Observations, effects: tuple[EffectInstance, ...]

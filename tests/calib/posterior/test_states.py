@@ -18,6 +18,7 @@ from calib.posterior.readings import LENGTHS
 from calib.posterior.tool import mean_square
 from calib.tripod.pipeline import Model, measure
 from tests.calib.posterior.hidden_machines import SWEEP, TOLERANCE_MM, TWO_STATION
+from tests.conftest import LONG
 
 LEG_X = TWO_STATION.take(np.flatnonzero((TWO_STATION.leg == 0) & (TWO_STATION.axis == 1)))
 OFFSETS_MM, LENGTH_ERRORS_MM = np.array([0.41, -0.32, 0.2]), (0.02, -0.03, 0.01)
@@ -61,6 +62,7 @@ def sessions() -> list[SessionCase]:
     return [read(SWEEP, 0.0, 1), read(LEG_X, HOMED_MM, 2)]
 
 
+@LONG
 def test_a_leg_read_again_leaves_the_machine_known(sessions: list[SessionCase]) -> None:
     together = posterior(sessions)
     change, deviation = change_of(together)
@@ -75,6 +77,7 @@ def test_a_leg_read_again_leaves_the_machine_known(sessions: list[SessionCase]) 
     assert own_mm > 0.5
 
 
+@LONG
 def test_offsets_that_changed_all_the_same_are_each_sessions_own() -> None:
     changed = np.array([0.3, 0.0, -0.1])
     change, deviation = change_of(posterior([read(SWEEP, 0.0, 1), read(TWO_STATION, changed, 2)]))

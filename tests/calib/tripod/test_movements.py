@@ -38,10 +38,11 @@ def visited(path: Path) -> Observations:
 
 
 @pytest.mark.parametrize("procedure", first_quick(PROCEDURES))
+@pytest.mark.parametrize("strengths", first_quick([(8.0,), (8.0, 12.0, 16.0)]), ids=str)
 def test_play_is_all_that_is_missing_however_the_machine_homed(
-    procedure: str, tmp_path: Path
+    strengths: tuple[float, ...], procedure: str, tmp_path: Path
 ) -> None:
-    for number, strength in enumerate((8.0, 12.0, 16.0)):
+    for number, strength in enumerate(strengths):
         name = f"homed/{procedure}/{number}"
         case = Case(name, "single", procedure, "gaussian", ("backlash",), (strength,), homed=-1.0)
         diagnosis = diagnose_files([session(tmp_path, case)]).diagnosis

@@ -21,6 +21,7 @@ from drivers.motion.guard import LEFT
 from drivers.motion.line import STRICT, MotionLine, Patience
 from drivers.motion.states import TRANSITIONS, Cause, State
 from drivers.motion.twins import GrblTwin, LinuxCncTwin, MotionTrouble, SimulatedAxes
+from tests.conftest import LONG, first_quick
 from tests.drivers.motion.bench import (
     BUSY,
     FEED,
@@ -256,7 +257,7 @@ def test_a_consent_is_no_consent_to_what_was_asked_before_it() -> None:
         assert len(r.twin.moves) == 1
 
 
-@pytest.mark.parametrize("before", [ready, stopped])
+@pytest.mark.parametrize("before", first_quick([ready, stopped]))
 def test_a_consent_within_the_dead_time_is_none(before: Act) -> None:
     with rig("linuxcnc", Patience(silence_s=3.0, dead_s=3.0)) as r:
         assert comes_true(r.line.consent)
@@ -345,7 +346,7 @@ def test_a_board_of_another_machine_is_not_homed_either() -> None:
         line.close()
 
 
-@pytest.mark.parametrize("name", ["linuxcnc", "grbl"])
+@pytest.mark.parametrize("name", first_quick(["linuxcnc", "grbl"]))
 def test_answers_that_are_late_keep_no_stop_waiting(name: str) -> None:
     with rig(name, answer_s=6.0) as r:
         r.on_the_way(feed=600.0, to=(59.0, 2.0, -3.0))
@@ -450,6 +451,7 @@ while time.monotonic() < end:
 """
 
 
+@LONG
 @pytest.mark.parametrize("name", ["linuxcnc", "grbl"])
 @pytest.mark.parametrize("way", ["SIGKILL", "SIGSTOP"])
 @pytest.mark.skipif(os.name != "posix", reason="signals")

@@ -22,6 +22,7 @@ from protocols.printers.tower_printer import Three, TowerPrinter
 from protocols.session import fold
 from tests.app.cli import glidecal
 from tests.app.exports import test_towers as true
+from tests.conftest import first_quick
 from tests.protocols.printers.printers import PERFECT, rings, touched_at
 
 HEIGHT = 300.0
@@ -256,7 +257,7 @@ def test_contacts_before_a_calibration_are_not_of_what_is_read_after_it(tmp_path
     assert len(printer.contacts) == 19
 
 
-@pytest.mark.parametrize("dialect", ["reprapfirmware", "marlin"])
+@pytest.mark.parametrize("dialect", first_quick(["reprapfirmware", "marlin"]))
 def test_from_files_of_a_printer_to_better_lines(tmp_path: Path, dialect: str) -> None:
     hidden = true.Hidden(switch_mm=(0.4, -0.3, 0.2), bar_mm=(0.2, -0.1, 0.0))
     texts = (CONFIG_G, *g32(hidden, 2)) if dialect == "reprapfirmware" else (m503(hidden, 2),)

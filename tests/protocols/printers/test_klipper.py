@@ -20,7 +20,7 @@ from protocols.record import read_record
 from protocols.session import Session, fold
 from tests.app.cli import glidecal, refused
 from tests.app.exports import test_towers as true
-from tests.conftest import LONG
+from tests.conftest import LONG, first_quick
 from tests.protocols.printers.printers import (
     MOTOR,
     NOW,
@@ -483,7 +483,9 @@ def test_what_the_command_line_cannot_mean(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("hidden", "share"),
-    [(true.Hidden(switch_mm=(0.4, -0.3, 0.2)), 0.15), (true.OFF_IN_ALL, 0.6)],
+    first_quick(
+        [(true.Hidden(switch_mm=(0.4, -0.3, 0.2)), 0.15), (true.OFF_IN_ALL, 0.6)], several=True
+    ),
     ids=["switches", "all"],
 )
 def test_from_a_printer_cfg_to_a_better_one(

@@ -362,7 +362,7 @@ def test_repeats_read_in_place_get_no_name(conditions: Observations, sessions: i
         assert diagnosis.verdict != "explained"
         doubts += diagnosis.verdict in ("unexplained", "partly-explained")
         named += bool(diagnosis.effects)
-    assert doubts >= sessions - 2
+    assert doubts >= sessions - sessions // 6
     assert named <= 1
 
 

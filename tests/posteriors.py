@@ -24,8 +24,12 @@ POSTERIORS: OrderedDict[bytes, Posterior] = OrderedDict()
 """By what they were worked out from, as bytes."""
 
 
-def _key(cases: Sequence[SessionCase], effects: Sequence[Effect] | None) -> bytes:
-    return pickle.dumps((tuple(cases), tuple(CATALOGUE if effects is None else effects)))
+def _key(cases: Sequence[SessionCase], effects: Sequence[Effect] | None) -> bytes | None:
+    """None where an effect is of a file of the user's, which pickle cannot import."""
+    try:
+        return pickle.dumps((tuple(cases), tuple(CATALOGUE if effects is None else effects)))
+    except pickle.PicklingError:
+        return None
 
 
 def known_posterior(
@@ -33,6 +37,8 @@ def known_posterior(
 ) -> Posterior:
     """As `posterior`, of this process."""
     key = _key(cases, effects)
+    if key is None:
+        return posterior(cases, effects)
     if key not in POSTERIORS:
         POSTERIORS[key] = posterior(cases, effects)
     POSTERIORS.move_to_end(key)
@@ -45,7 +51,10 @@ def posterior_on_disk(
     folder: Path, cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None
 ) -> Posterior:
     """As `posterior`, of processes that follow each other: the commands of a test."""
-    path = folder / hashlib.sha256(_key(cases, effects)).hexdigest()
+    key = _key(cases, effects)
+    if key is None:
+        return posterior(cases, effects)
+    path = folder / hashlib.sha256(key).hexdigest()
     if path.exists():
         known = pickle.loads(path.read_bytes())
         assert isinstance(known, Posterior)

@@ -93,19 +93,18 @@ def page(lines: Sequence[Json]) -> str:
         "",
         "Sessions whose true error is within the bound, and the median of bound over truth.",
     ]
-    bounded = [
-        name for name in (*names, IDEAL_BOUND) if any(line["bounds"].get(name) for line in complete)
-    ]
+    bounded = [name for name in names if any(line["bounds"].get(name) for line in complete)]
     for frame in STATED:
         if any(frame in bounds for line in complete for bounds in line["bounds"].values()):
-            text += ["", *_kept(groups, bounded, frame, FRAMES[frame])]
+            ideal = [IDEAL_BOUND] if IDEAL in names and frame == STATED[0] else []
+            text += ["", *_kept(groups, [*bounded, *ideal], frame, FRAMES[frame])]
     worse = f"more than {WORSE - 1:.0%} and {WORSE_MM * 1e3:g} µm"
     text += [
         "",
         "## Worse than joint offsets alone",
         "",
         f"Sessions where an answer leaves {worse} more than joint offsets alone (of all sessions:",
-        "with the 95 % interval of their share). Rows without any are left out.",
+        "with the 95 % interval of their share).",
         "",
     ]
     candidates = [name for name in names if name not in (BEFORE, LAW, IDEAL, OFFSETS)]

@@ -43,8 +43,12 @@ LINK = re.compile(r'<a href="/(reports|history)/([0-9a-f]{24})">(.*?)</a>')
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """Three sessions of such names, one that is no name in any language, one altered."""
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Three sessions of such names, one that is no name in any language, one altered.
+
+    No history has worked them out before: other tests have the same records.
+    """
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     (sessions := tmp_path / "sessions").mkdir()
     (sessions / "below").mkdir()
     for name in NAMES:

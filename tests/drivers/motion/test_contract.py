@@ -20,7 +20,7 @@ import serial
 
 from calib.errors import UsageError
 from drivers.motion import controller_of
-from drivers.motion.controller import ControllerFault, MotionFault, Triple
+from drivers.motion.controller import STILL_MM, ControllerFault, MotionFault, Triple
 from drivers.motion.guard import LEFT
 from drivers.motion.states import State
 from drivers.motion.twins import (
@@ -170,7 +170,8 @@ def test_the_last_micrometres_behind_idle_are_no_offset_and_are_waited_for(
         there = r.line.controller
         snapshots = []
         r.line.ask(lambda: snapshots.append(there.settle()) or (0.0,) * 3).result(PATIENCE_S)  # type: ignore[func-returns-value]
-        assert snapshots[0].place_mm == (10.009, 0.0, 0.0)
+        # at rest within what counts as still; a look that does not wait is 0.009 mm off
+        assert snapshots[0].place_mm == pytest.approx((10.009, 0.0, 0.0), abs=STILL_MM)
         assert snapshots[0].states["offset"] == "0.000 0.000 0.000"
 
 

@@ -296,7 +296,8 @@ class Interface(App[str]):
         namespaces: Mapping[str, DOMNode] | None = None,
     ) -> bool:
         """What a key does; nothing where it comes before its screen is ready, or too late."""
-        if self.return_code is not None or not ready(default_namespace):
+        ends = self.return_code is not None or not self.is_running
+        if ends or not ready(default_namespace):
             return False
         if isinstance(default_namespace, MainScreen) and (
             why_not := default_namespace.why_not(str(action).partition("(")[0])

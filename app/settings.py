@@ -165,10 +165,10 @@ def check_keys(
             raise _fault(path, ("keys", key_id), problem, "a key of its own")
 
 
-def _fault(path: Path, location: tuple[str, ...], found: str, allowed: str) -> RecordError:
+def _fault(path: Path, location: tuple[str, ...], problem: str, allowed: str) -> RecordError:
     line = line_of(read_text(path, WHAT), location)
     where = f", line {line}" if line else ""
-    return RecordError(f"{WHAT} {path}{where}, {' '.join(location)}", found, allowed)
+    return RecordError(f"{WHAT} {path}{where}, {' '.join(location)}", problem, allowed)
 
 
 def _is_key(key: str, named: Collection[str]) -> bool:

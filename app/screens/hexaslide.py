@@ -55,6 +55,7 @@ class HexaSlideScreen(PagedScreen[None]):
         self.request = request or Request(ProcedureKind.POSE_INVERSE)
         self.view: HexaSlideSeen | None = None
         self.found: BestPostures | None = None
+        self._conditions: dict[str, float] | None = None
         self.searching = False
         self._count = 0
         self._drawn_at = 0
@@ -65,7 +66,7 @@ class HexaSlideScreen(PagedScreen[None]):
     def _look(self, request: Request) -> None:
         """See what another procedure or machine gives; a search of before ends."""
         self._end_search()
-        self.request, self.view, self.found = request, None, None
+        self.request, self.view, self.found, self._conditions = request, None, None, None
         self.begin_to_look(texts.heading_text(request.machine_file, None), texts.LOOKING)
         self.look(lambda: look_at(hexaslide_planning(request)), self._seen, texts.problem_text)
 
@@ -78,14 +79,19 @@ class HexaSlideScreen(PagedScreen[None]):
         view, best = self.view, self.found
         if view is None:
             return
-        conditions = conditions_at(view, best.coordinates) if best else None
-        self.put("sees", texts.sees_text(view, best, conditions))
+        self.put("sees", texts.sees_text(view, best, self._conditions))
         self.put("list", texts.list_text(best))
         drawings = drawn_postures(view.machine, best)
-        searched = texts.search_text(view, self._count, best, searching=self.searching)
-        self.put("search", searched, *drawings[:2])
+        self.put("search", None, *drawings[:2])
         self.put("angles", None, *drawings[2:])
+        self._show_search()
         self._draw_machine()
+
+    def _show_search(self) -> None:
+        """Its words alone: nothing is drawn again when it ends."""
+        if self.view is not None:
+            text = texts.search_text(self.view, self._count, self.found, searching=self.searching)
+            self.put("search", text)
 
     def _draw_machine(self) -> None:
         assert self.view is not None, "shown with it alone"
@@ -135,6 +141,7 @@ class HexaSlideScreen(PagedScreen[None]):
         """So many postures are searched for; what was found before is gone."""
         self._end_search()
         self._count, self.searching, self.found, self._drawn_at = count, searching, None, 0
+        self._conditions = None
         self._show_all()
 
     def action_search(self) -> None:
@@ -156,13 +163,18 @@ class HexaSlideScreen(PagedScreen[None]):
         try:
             with self.app.complaining():
                 starts = searches(view.procedure, view.machine, count, search, watch)
-                while best := await apart(self, next, starts, None):
-                    self.found = best
+
+                def improved() -> tuple[BestPostures, dict[str, float]] | None:
+                    best = next(starts, None)
+                    return (best, conditions_at(view, best.coordinates)) if best else None
+
+                while step := await apart(self, improved):
+                    self.found, self._conditions = step
                     self._show_all()
         finally:  # a search does not outlive its worker, and that not its screen
             stopped.set()
         self.searching = False
-        self._show_all()
+        self._show_search()
 
     def _end_search(self) -> None:
         self.searching = False
@@ -179,6 +191,6 @@ class HexaSlideScreen(PagedScreen[None]):
         if self.searching:
             self._end_search()
             self.app.notify(texts.STOPPED)
-            self._show_all()
+            self._show_search()
         else:
             super().action_back()

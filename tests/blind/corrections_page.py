@@ -21,8 +21,8 @@ and places are given and only sizes are fitted.
 and all gross mistakes, but not which effects: about the least to expect from readings. Its bound is
 that of 95 of 100 machines that it draws.
 
-Frames: touched off, the best shift is removed; aligned, the best shift and turn; machine, nothing.
-[Bound](theory.md#uncertainty-at-the-tool) of 95 %.
+Frames: touched off, the best shift is removed; aligned, the best shift and turn; machine, nothing;
+near, errors near Zero relative to that at Zero. [Bound](theory.md#uncertainty-at-the-tool) of 95 %.
 Made by `python -m tests.blind.corrections --count 36 --ideal -o docs/corrections.md`.
 """
 
@@ -32,7 +32,7 @@ IDEAL_BOUND = "offsets, ideal bound"
 LEFT_OUT = ("play", IDEAL_BOUND)
 """Answers whose r.m.s. is that of joint offsets within 0.2 µm."""
 ALL = "all"
-FRAMES = {"touched_off": "touched off", "aligned": "aligned", "machine": "machine"}
+FRAMES = {"touched_off": "touched off", "aligned": "aligned", "machine": "machine", "near": "near"}
 STATED = ("touched_off", "machine")
 """Frames of errors and bounds. Aligned errors are smaller, those near Zero two thirds as large."""
 WORSE, WORSE_MM = 1.1, 0.005

@@ -28,6 +28,7 @@ from calib.tripod.effects.effect import (
     moved_foot,
     numbers,
     travel_mm,
+    wave_mm,
 )
 from calib.tripod.geometry import Geometry
 from calib.tripod.movements import last_movement
@@ -80,8 +81,7 @@ class ActuatorCyclic(OfCarriage):
 
     def off(self, at: Acting) -> NDArray[Any]:
         """By a sin t + b (cos t - 1), t one turn for each lead of travel."""
-        turn = 2 * np.pi * travel_mm(at.flow, at.leg) / self.lead_mm
-        return PER_THOUSAND * (at.values[0] * np.sin(turn) + at.values[1] * (np.cos(turn) - 1.0))
+        return wave_mm(at, self.lead_mm, *at.values)
 
 
 @dataclass(frozen=True)

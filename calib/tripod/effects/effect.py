@@ -259,6 +259,12 @@ class Law:
         raise NotImplementedError
 
 
+def wave_mm(at: Acting, period_mm: float, sine: complex, cosine: complex) -> NDArray[Any]:
+    """Sine · sin t + cosine · (cos t - 1), µm, t one turn a period of travel: 0 at Zero, in mm."""
+    turn = 2 * np.pi * travel_mm(at.flow, at.leg) / period_mm
+    return np.asarray(PER_THOUSAND * (sine * np.sin(turn) + cosine * (np.cos(turn) - 1.0)))
+
+
 class OfCarriage(Law):
     """One carriage is further along its drive by `off`."""
 

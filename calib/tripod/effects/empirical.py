@@ -27,6 +27,7 @@ from calib.tripod.effects.effect import (
     hours,
     kelvins,
     travel_mm,
+    wave_mm,
 )
 from calib.tripod.pipeline import Stage
 
@@ -191,12 +192,11 @@ class Repeating(OfCarriage):
 
     def off(self, at: Acting) -> NDArray[Any]:
         """By a sin k t + b (cos k t - 1) of each harmonic k, t one turn for each period."""
-        turn = 2 * np.pi * travel_mm(at.flow, at.leg) / self.period_mm
-        off = np.zeros_like(turn)
-        for k in range(HARMONICS):
-            sine, cosine = at.values[2 * k : 2 * k + 2]
-            off = off + sine * np.sin((k + 1) * turn) + cosine * (np.cos((k + 1) * turn) - 1.0)
-        return PER_THOUSAND * off
+        harmonics = [
+            wave_mm(at, self.period_mm / (k + 1), *at.values[2 * k : 2 * k + 2])
+            for k in range(HARMONICS)
+        ]
+        return np.asarray(np.sum(harmonics, axis=0))
 
 
 def empirical_words(bases: Iterable[str]) -> str:

@@ -18,7 +18,8 @@ row. After its readings are solved, nothing is entered (before), joint offsets a
 controller with tables or kinematics takes too ([export](export.md)). For `law` the hidden effects
 and places are given and only sizes are fitted.
 `ideal` knows the simulation, the shares of its effects and sizes, the noise, how many effects act
-and all gross mistakes, but not which effects. Its bound is that of 95 of 100 machines that it draws.
+and all gross mistakes, but not which effects. Its bound is that of 95 of 100 machines that it
+draws.
 
 Frames: touched off, the best shift is removed; aligned, the best shift and turn; machine, nothing;
 near, errors near Zero relative to that at Zero. [Bound](theory.md#uncertainty-at-the-tool) of 95 %.

@@ -13,10 +13,13 @@ import pytest
 from textual import events
 from textual.pilot import Pilot
 from textual.screen import Screen
+from textual.widgets import Select
+from textual.widgets._select import SelectCurrent
 
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
+from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.start import Glidecal
 from tests.conftest import SAMPLES, first_quick
@@ -73,6 +76,17 @@ async def test_the_program_ends_while_a_screen_comes() -> None:
         await pilot.pause()
         interface.push_screen(DiagnoseScreen([SAMPLE]))
         interface.exit()
+    assert not interface.return_code
+
+
+@pytest.mark.parametrize("part", [Select, SelectCurrent])
+async def test_a_form_is_left_before_the_parts_of_its_lists_are_there(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, part: type[Select[str]] | type[SelectCurrent]
+) -> None:
+    monkeypatch.setattr(part, "compose", lambda _: ())
+    interface = Glidecal(PrepareScreen())
+    async with interface.run_test(size=SIZE) as pilot:  # raises what the screens raise
+        await pilot.pause()
     assert not interface.return_code
 
 

@@ -7,6 +7,7 @@ keys a seed; only the look at a list in `ready` was not missed.
 
 from __future__ import annotations
 
+from textual._context import active_message_pump  # no public name tells whose message it is
 from textual.await_complete import AwaitComplete
 from textual.dom import DOMNode
 from textual.screen import Screen, ScreenResultType
@@ -25,6 +26,20 @@ def ready(node: DOMNode | None) -> bool:
     if isinstance(node, OptionList) and not node.scrollable_content_region:
         return False
     return node.is_attached and node.screen.is_active and node.screen.is_mounted
+
+
+def is_taken_apart() -> bool:
+    """Whether the part that now acts on a message is being removed, alone or with its screen.
+
+    What is left while it comes gets no parts, and all the same the messages on which it looks for
+    them: its own mount, or, in a list of Textual's (issue 6581), the choice.
+    """
+    node = active_message_pump.get(None)
+    if not isinstance(node, Widget):
+        return False
+    return not node.is_attached or any(
+        each._pruning or each._closing for each in node.ancestors_with_self
+    )
 
 
 class LeftOnce(Screen[ScreenResultType]):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from functools import partial
 from threading import Event
 from typing import ClassVar
@@ -13,11 +12,9 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.content import Content
-from textual.css.query import NoMatches
 from textual.events import ScreenResume
 from textual.widget import Widget
 from textual.widgets import Input, Label, Select, Static
-from textual.widgets.select import NoSelection
 
 from app.measuring.indicators import (
     DEFAULT_PROFILE,
@@ -184,28 +181,14 @@ def entry(name: str, label: str, hint: str, value: str = "") -> ComposeResult:
     yield from row(label, typed)
 
 
-class ChoiceList(Select[str]):
-    """Textual's list, whose parts are missing where it is left while it comes (textual 6581)."""
-
-    def _setup_options_renderables(self) -> None:
-        with suppress(NoMatches):
-            super()._setup_options_renderables()
-
-    def _watch_value(self, value: str | NoSelection) -> None:
-        with suppress(NoMatches):
-            super()._watch_value(value)
-
-
 def choice(
     name: str, rows: Iterable[tuple[str, str]], value: object = None, prompt: str = ""
-) -> ChoiceList:
+) -> Select[str]:
     """A list to choose from; without a value nothing is chosen."""
     options = [(Content(words), value_of_row) for words, value_of_row in rows]
     chosen = next((choosable for _, choosable in options if choosable == value), Select.NULL)
     blank = bool(prompt)
-    return ChoiceList(
-        options, prompt=prompt, allow_blank=blank, value=chosen, id=name, compact=True
-    )
+    return Select(options, prompt=prompt, allow_blank=blank, value=chosen, id=name, compact=True)
 
 
 INDICATORS, IDENTITY = ("indicator1", "indicator2"), ("#serial", "#place")

@@ -31,15 +31,15 @@ def ready(node: DOMNode | None) -> bool:
 def is_taken_apart() -> bool:
     """Whether the part that now acts on a message is being removed, alone or with its screen.
 
-    What is left while it comes gets no parts, and all the same the messages on which it looks for
-    them: its own mount, or, in a list of Textual's (issue 6581), the choice.
+    What is left while it comes gets no parts, or parts of parts, and all the same the messages on
+    which it looks for them: its own mount, or, in a list of Textual's (issue 6581), the choice.
     """
     node = active_message_pump.get(None)
     if not isinstance(node, Widget):
         return False
-    return not node.is_attached or any(
-        each._pruning or each._closing for each in node.ancestors_with_self
-    )
+    if not (node.app.is_running and node.is_attached):
+        return True
+    return any(each._pruning or each._closing for each in node.ancestors_with_self)
 
 
 class LeftOnce(Screen[ScreenResultType]):

@@ -239,18 +239,12 @@ def visit_numbers(observed: Observations) -> IntArray:
 
     The tool leaves the plate after each contact.
     """
-    visit = np.zeros(len(observed), dtype=np.intp)
-    last: dict[int, tuple[int, int]] = {}
-    count = 0
-    place = (observed.mount, observed.posture, observed.contact)
-    rows = zip(*(column.tolist() for column in place), strict=True)
-    for row, (mount, posture, contact) in enumerate(rows):
-        before = last.get(mount)
-        if before is None or before[0] != posture or contact:
-            before = (posture, count)
-            count += 1
-        last[mount] = before
-        visit[row] = before[1]
+    order = np.argsort(observed.mount, kind="stable")
+    mount, posture = observed.mount[order], observed.posture[order]
+    begins = np.append(True, (np.diff(mount) != 0) | (np.diff(posture) != 0))[: len(order)]
+    begins |= observed.contact[order]
+    visit = np.empty(len(order), dtype=np.intp)
+    visit[order] = numbered(order[begins])[np.cumsum(begins) - 1]
     return visit
 
 

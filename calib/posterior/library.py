@@ -100,9 +100,7 @@ STATED_ONLY = frozenset({BowOfTouchedPlate.id, PlatformTilt.id})
 """What is looked for where the machine file has its tolerance: a bowed plate and a wrong radius
 together explain a wrong distance between marks."""
 
-POWERS = tuple(
-    name for name, basis in BASES.items() if basis.stage == Stage.ACTUATOR and basis.power
-)
+POWERS = tuple(name for name, basis in BASES.items() if basis.stage == Stage.ACTUATOR)
 OF_READING = tuple(name for name, basis in BASES.items() if basis.stage == Stage.READING)[:4]
 
 
@@ -132,13 +130,15 @@ def library(
     effects = CATALOGUE if effects is None else effects
     ids = {effect.id for effect in effects} - STATED_ONLY
     components = []
-    candidates = candidates_together(sessions, laws(sessions[0][0].geometry, effects))
+    geometry = sessions[0][0].geometry
+    travel_mm = max(geometry.travel_max_mm, -geometry.travel_min_mm)
+    candidates = candidates_together(sessions, laws(geometry, effects))
     for candidate in (*candidates, *_one_way(candidates)):
         nameless = candidate.kind == Kind.EMPIRICAL or candidate.id == "straightness_fourth"
         if nameless and candidate.arrangement != "one":
             continue
         kind = "nameless" if nameless else "named" if candidate.id in ids else "beside"
-        unit = np.array([parameter.tolerance for parameter in candidate.parameters])
+        unit = np.array([parameter.unit_over(travel_mm) for parameter in candidate.parameters])
         tolerances_of_shares = [
             tolerances[s.effect] for s in candidate.shares if s.effect in tolerances
         ]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from calib.arrays import LEG_NAMES, Conditions, FloatArray
 from calib.tripod.effects.effect import (
+    AT_MM,
     PER_THOUSAND,
     Acting,
     Effect,
@@ -26,8 +27,6 @@ from calib.tripod.effects.effect import (
 from calib.tripod.effects.gauges import PlateTilt
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Flow, Stage, commanded_tool, measuring_directions
-
-AT_MM = 100.0
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from calib.arrays import LEG_NAMES
 from calib.tripod.effects.effect import (
     AROUND,
+    AT_MM,
     PAIRS,
     PER_THOUSAND,
     Acting,
@@ -41,8 +42,6 @@ ISO_LEADS_MM = (4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 32.0, 40.0)
 """Leads of ball screws, ISO 3408-2: one of them goes before another that fits as well."""
 
 LEAD = re.compile(r"(?:sine|cosine)_([0-9]{1,4}(?:\.[0-9]{1,4})?)mm")
-
-STRAIGHTNESS_TRAVEL_MM = 100.0
 
 
 @dataclass(frozen=True)
@@ -210,14 +209,13 @@ class Straightness(OfFoot):
 
     id = "straightness"
     title = "a guide is not straight: the foot leaves its line sideways"
-    parameters = (EffectParameter("sideways_at_100mm", "mm", 0.02),)
+    parameters = (EffectParameter("sideways_at_100mm", "mm", 0.02, power=2),)
     controller = "axis {axis}: the kinematics of export --format linuxcnc-kins"
-    power = 2
 
     def off(self, at: Acting) -> NDArray[Any]:
         """By value (travel / 100 mm) to the power."""
-        part = travel_mm(at.flow, at.leg) / STRAIGHTNESS_TRAVEL_MM
-        return np.asarray(at.values[0] * part**self.power)
+        part = travel_mm(at.flow, at.leg) / AT_MM
+        return np.asarray(at.values[0] * part ** self.parameters[0].power)
 
 
 @dataclass(frozen=True)
@@ -226,8 +224,7 @@ class StraightnessOfThirdOrder(Straightness):
 
     id = "straightness_cubic"
     title = "a guide is bent like an S: the foot leaves its line sideways"
-    parameters = (EffectParameter("s_shape_at_100mm", "mm", 0.02),)
-    power = 3
+    parameters = (EffectParameter("s_shape_at_100mm", "mm", 0.02, power=3),)
 
 
 @dataclass(frozen=True)
@@ -236,8 +233,7 @@ class StraightnessOfFourthOrder(Straightness):
 
     id = "straightness_fourth"
     title = "a guide is bent like a W: the foot leaves its line sideways"
-    parameters = (EffectParameter("w_shape_at_100mm", "mm", 0.02),)
-    power = 4
+    parameters = (EffectParameter("w_shape_at_100mm", "mm", 0.02, power=4),)
 
 
 @dataclass(frozen=True)

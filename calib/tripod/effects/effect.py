@@ -32,6 +32,7 @@ class EffectParameter:
     """One parameter: name, unit, a size in that unit that nobody would remark on.
 
     ``limit`` is a size that nobody can overlook, ``least`` the smallest value that has a meaning.
+    ``power`` is that of travel / `AT_MM` in a law of which the value is the size there.
     """
 
     name: str
@@ -39,6 +40,19 @@ class EffectParameter:
     tolerance: float
     limit: float = math.inf
     least: float = -math.inf
+    power: int = 0
+
+    def unit_over(self, travel_mm: float) -> float:
+        """Its tolerance on a machine of this longest travel from Zero.
+
+        At the end of a travel beyond `AT_MM` the law does as much as there on a shorter one: a long
+        rail is made as straight as a short one.
+        """
+        return self.tolerance * min(1.0, AT_MM / travel_mm) ** self.power
+
+
+AT_MM = 100.0
+"""Travel, or displacement, at which laws of a power have the size of their value."""
 
 
 class Effect(Protocol):

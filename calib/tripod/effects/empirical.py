@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from calib.arrays import LEG_NAMES, Conditions, FloatArray
 from calib.tripod.effects.effect import (
+    AT_MM,
     DIRECTIONS,
     PER_THOUSAND,
     Acting,
@@ -32,19 +33,14 @@ from calib.tripod.effects.effect import (
 from calib.tripod.pipeline import Stage
 
 EMPIRICAL = "empirical"
-AT_MM = 100.0
 MICROMETRES = "µm"
 
 
 @dataclass(frozen=True)
 class Basis:
-    """One thing that readings or carriages may depend on: its parameter, and words for it.
-
-    ``power`` is that of displacement or travel / 100 mm, 0 for what is no power.
-    """
+    """One thing that readings or carriages may depend on: its parameter, and words for it."""
 
     parameter: EffectParameter
-    power: int
     words: str
     stage: Stage = Stage.READING
 
@@ -57,16 +53,16 @@ def _bases() -> Iterator[Basis]:
         ("fourth", 4, "with the fourth power of"),
     )
     for name, power, words in powers:
-        size = EffectParameter(f"{name}_at_100mm", MICROMETRES, 10.0)
-        yield Basis(size, power, f"{words} displacement")
+        size = EffectParameter(f"{name}_at_100mm", MICROMETRES, 10.0, power=power)
+        yield Basis(size, f"{words} displacement")
     yield Basis(
-        EffectParameter("up_less_down", MICROMETRES, 10.0), 0, "with the direction of approach"
+        EffectParameter("up_less_down", MICROMETRES, 10.0), "with the direction of approach"
     )
-    yield Basis(EffectParameter("per_hour", "µm/h", 10.0), 0, "with time")
-    yield Basis(EffectParameter("per_kelvin", "µm/K", 5.0), 0, "with temperature")
+    yield Basis(EffectParameter("per_hour", "µm/h", 10.0), "with time")
+    yield Basis(EffectParameter("per_kelvin", "µm/K", 5.0), "with temperature")
     for name, power, words in powers[1:]:  # in proportion it has a name: actuator_scale
-        size = EffectParameter(f"travel_{name}_at_100mm", MICROMETRES, 10.0)
-        yield Basis(size, power, f"{words} travel", Stage.ACTUATOR)
+        size = EffectParameter(f"travel_{name}_at_100mm", MICROMETRES, 10.0, power=power)
+        yield Basis(size, f"{words} travel", Stage.ACTUATOR)
 
 
 BASES: dict[str, Basis] = {one.parameter.name: one for one in _bases()}
@@ -133,7 +129,7 @@ def _column(name: str, at: Acting) -> FloatArray:
             return np.nan_to_num(kelvins(conditions))
     of_reading = basis.stage == Stage.READING
     way_mm = conditions.displacement_mm if of_reading else travel_mm(at.flow, at.leg)
-    return np.asarray((way_mm / AT_MM) ** basis.power)
+    return np.asarray((way_mm / AT_MM) ** basis.parameter.power)
 
 
 @dataclass(frozen=True)
@@ -148,7 +144,7 @@ class Coupling(OfCarriage):
     kind = Kind.EMPIRICAL
     title = "a carriage is off by the product of two travels, for an unknown reason"
     where = DIRECTIONS
-    parameters = (EffectParameter("travel_product_at_100mm", MICROMETRES, 10.0),)
+    parameters = (EffectParameter("travel_product_at_100mm", MICROMETRES, 10.0, power=2),)
     controller = "nothing to enter before it has a name"
 
     def off(self, at: Acting) -> NDArray[Any]:

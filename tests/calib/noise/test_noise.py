@@ -7,14 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from calib.arrays import observe
+from calib.arrays import conditions, numbered, observe
 from calib.noise.reading import (
     IndicatorFigures,
     IndicatorNoise,
     Noise,
     reading_noise,
     reading_weights,
+    visit_numbers,
     visits,
 )
 from calib.noise.repeats import Repeats
@@ -129,3 +132,29 @@ def test_values_of_a_posture_weigh_together_as_their_mean() -> None:
     noise = Noise((IndicatorNoise(4.0, 0.5, math.inf),), "instrument")
     together = np.bincount(data.posture, reading_weights(data, noise))
     assert together == pytest.approx(np.full(18, 1.0 / (4.0 / 3.0 + 0.5)))
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 2), st.sampled_from((0.0, 60.0)), st.booleans()),
+        min_size=1,
+        max_size=30,
+    )
+)
+def test_a_visit_goes_on_until_its_mounting_is_read_elsewhere(
+    taken: list[tuple[int, float, bool]],
+) -> None:
+    """Beside going through the readings one by one; mountings take turns, contacts are apart."""
+    legs, levels_mm, contacts = zip(*taken, strict=True)
+    rows = conditions(legs, [1] * len(taken), levels_mm, mount=numbered(np.array(legs)).tolist())
+    observed = observe(replace(rows, contact=np.array(contacts)), np.zeros(len(taken)))
+    visit_of: dict[int, tuple[float, int]] = {}
+    expected: list[int] = []
+    for mount, level_mm, contact in zip(observed.mount.tolist(), levels_mm, contacts, strict=True):
+        before = visit_of.get(mount)
+        number = max(expected, default=-1) + 1
+        if before and before[0] == level_mm and not contact:
+            number = before[1]
+        visit_of[mount] = level_mm, number
+        expected.append(number)
+    assert visit_numbers(observed).tolist() == expected

@@ -373,7 +373,9 @@ def without_means(group: IntArray, weight: FloatArray, rows: FloatArray) -> Floa
     """Subtract from the rows ``(n, ...)`` of each group their mean, weighted by ``(n,)``."""
     total = np.bincount(group, weight)
     flat = rows.reshape(len(rows), -1)
-    means = np.stack([np.bincount(group, weight * column) / total for column in flat.T], axis=1)
+    means = np.empty((len(total), flat.shape[1]))
+    for k, column in enumerate(flat.T):
+        means[:, k] = np.bincount(group, weight * column) / total
     return np.asarray((flat - means[group]).reshape(rows.shape))
 
 

@@ -290,7 +290,7 @@ class _Report:
             if component.kind == "nameless"
         }
         lawful = math.fsum(model.weight for model in models if likely.keys() & {*model.members})
-        if self.answer.verdict not in WITH_RESIDUALS or lawful < EVEN * self.claims.missing:
+        if self.answer.verdict not in WITH_RESIDUALS or lawful <= EVEN * self.claims.missing:
             return None
         beside = after or self.before
         law = descending([*likely], likely.__getitem__)[0]
@@ -492,8 +492,8 @@ def _needed(length: float, log_prior: float) -> float:
     nothing is z²(1 - 1/w)/2 - log(w)/2 and the priors; the scale that needs least counts.
     """
     odds = math.log(MISSING / (1.0 - MISSING)) + LOG_CAUSES[0] - LOG_CAUSES[1] - log_prior
-    wide = 1.0 + (np.array(SCALES) * length) ** 2
-    square = 2.0 * (odds - LOG_SCALES + 0.5 * np.log(wide)) / (1.0 - 1.0 / wide)
+    more = (np.array(SCALES) * length) ** 2
+    square = 2.0 * (odds - LOG_SCALES + 0.5 * np.log1p(more)) * (1.0 + more) / more
     return float(np.sqrt(square.min()))
 
 

@@ -284,7 +284,9 @@ def within_reach() -> Iterator[None]:
     """Where the legs cannot meet, or nothing shows a value, there is no optimum."""
     try:
         yield
-    except (UnreachablePosture, np.linalg.LinAlgError) as problem:
+    except UnreachablePosture as problem:
+        raise _no_optimum("only machines whose legs cannot meet") from problem
+    except np.linalg.LinAlgError as problem:
         raise _no_optimum(str(problem)) from problem
 
 

@@ -45,7 +45,8 @@ MOST_CYCLES = 200
 """Cycles of a mounting up to which each has a mean of its own; of more a steady rate is enough, and
 a basis of thousands would take minutes."""
 
-TINY = float(np.finfo(np.float64).tiny)
+TINY = 1e-30
+"""A square that no scatter is below, mm²."""
 
 
 @dataclass(frozen=True)

@@ -290,7 +290,8 @@ class MovedReadings:
         """As many as can be held at once."""
         visited = screen.cells.visited
         candidates = list(islice(exchanges(visited), MOST_VALUES // max(len(visited), 1)))
-        values = np.column_stack([exchange.put_right(visited.value_mm) for exchange in candidates])
+        put_right = [exchange.put_right(visited.value_mm) for exchange in candidates]
+        values = np.array(put_right).reshape(len(candidates), len(visited)).T
         change = values - visited.value_mm[:, None]
         change = np.abs(without_means(visited.mount, visited.averaged, change)).max(axis=0)
         large = change > LEAST_CHANGED * np.median(screen.root)

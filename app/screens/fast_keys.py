@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from textual._context import active_message_pump  # no public name tells whose message it is
 from textual.await_complete import AwaitComplete
+from textual.css.query import NoMatches
 from textual.dom import DOMNode
 from textual.screen import Screen, ScreenResultType
 from textual.widget import Widget
 from textual.widgets import OptionList
+from textual.worker import WorkerFailed
 
 
 def ready(node: DOMNode | None) -> bool:
@@ -28,14 +30,15 @@ def ready(node: DOMNode | None) -> bool:
     return node.is_attached and node.screen.is_active and node.screen.is_mounted
 
 
-def is_taken_apart() -> bool:
-    """Whether the part that now acts on a message is being removed, alone or with its screen.
+def lacks_parts(error: Exception) -> bool:
+    """Whether a part that is being removed, alone or with its screen, missed what it looks for.
 
     What is left while it comes gets no parts, or parts of parts, and all the same the messages on
     which it looks for them: its own mount, or, in a list of Textual's (issue 6581), the choice.
     """
+    cause = error.error if isinstance(error, WorkerFailed) else error
     node = active_message_pump.get(None)
-    if not isinstance(node, Widget):
+    if not (isinstance(cause, NoMatches) and isinstance(node, Widget)):
         return False
     if not (node.app.is_running and node.is_attached):
         return True

@@ -20,7 +20,6 @@ from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.color import Color
 from textual.containers import Vertical, VerticalScroll
-from textual.css.query import NoMatches
 from textual.dom import DOMNode
 from textual.events import Event, InputEvent, Key, MouseDown, Paste, Resize
 from textual.filter import LineFilter
@@ -36,7 +35,7 @@ from app.report.streams import write_nowhere
 from app.report.text import home as texts
 from app.report.text.tables import copied_text, keyed
 from app.screens import Look
-from app.screens.fast_keys import LeftOnce, is_taken_apart, ready
+from app.screens.fast_keys import LeftOnce, lacks_parts, ready
 from app.screens.keys import key_words, usual_key
 from app.screens.pages import Message, last_lines, legible, signalled
 from app.settings import Settings, save_theme, settings_path, split
@@ -308,7 +307,7 @@ class Interface(App[str]):
         return await super().run_action(action, default_namespace, namespaces)
 
     def _handle_exception(self, error: Exception) -> None:
-        if not (isinstance(error, NoMatches) and is_taken_apart()):
+        if not lacks_parts(error):
             super()._handle_exception(error)
 
     def action_command_palette(self) -> None:

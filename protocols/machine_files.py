@@ -28,9 +28,14 @@ MACHINES = Path(__file__).with_name("machines")
 @cache
 def machine_names() -> tuple[str, ...]:
     """Names of the machines with three linear drives."""
-    paths = MACHINES.glob("*.toml")
-    of_family = (path for path in paths if schema_of(path.read_text(encoding="utf-8")) == SCHEMA)
-    return tuple(sorted(path.stem for path in of_family))
+    texts = {name: path.read_text(encoding="utf-8") for name, path in machine_files().items()}
+    return tuple(name for name, text in texts.items() if schema_of(text) == SCHEMA)
+
+
+@cache
+def machine_files() -> dict[str, Path]:
+    """All of them by name, in the order of names."""
+    return {path.stem: path for path in sorted(MACHINES.glob("*.toml"))}
 
 
 def schema_of(text: str) -> str:

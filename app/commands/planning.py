@@ -1,4 +1,4 @@
-"""``glidecal identifiability``, ``postures``, ``plan`` and ``workspace``: before measuring."""
+"""``glidecal machine``, ``identifiability``, ``postures``, ``plan``, ``workspace``."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ from app.machines.options import (
     Question,
     ScreenAnswer,
     argument,
+    deliver,
     file,
     finite_place,
     machine_file_of,
+    may_deliver,
     number,
     say,
 )
@@ -34,9 +36,28 @@ from app.machines.registry import (
     options_of,
     with_options_of_machines,
 )
+from calib.errors import UsageError
+from protocols.machine_files import USUAL_MACHINE, machine_files
 
 MachineName = Annotated[str, typer.Argument(help=LISTED, show_default=False)]
 MachineFile = Annotated[Path | None, file("Machine file (TOML).", to_read=True)]
+
+
+def machine(
+    name: Annotated[
+        str, typer.Argument(help=", ".join(machine_files()), show_default=USUAL_MACHINE)
+    ] = USUAL_MACHINE,
+    output: Annotated[Path, file("File to write.", "--output", "-o", default="the terminal")] = (
+        Path("-")
+    ),
+    force: Force = False,
+) -> None:
+    """A machine file to begin with. Write the lengths and limits of your machine into a copy."""
+    names = [stem for stem in machine_files() if stem == name or stem.startswith(f"{name}-")]
+    if not names:
+        raise UsageError("machine", repr(name), ", ".join(machine_files()))
+    force = may_deliver(output, force=force)
+    deliver(output, {"": machine_files()[names[0]].read_text(encoding="utf-8")}, force=force)
 
 
 @with_options_of_machines

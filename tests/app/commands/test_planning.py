@@ -23,6 +23,7 @@ from calib.tripod.pipeline import derivatives
 from calib.tripod.planning import TripodPlanning
 from calib.tripod.pool import leg_pool, levels_mm
 from protocols.machine import load_machine
+from protocols.machine_files import machine_files
 from protocols.procedure import load_procedure
 from tests.app.cli import glidecal, refused
 from tests.conftest import LONG, first_quick
@@ -523,3 +524,28 @@ def test_minutes_are_those_of_a_machine_that_moves_itself(tmp_path: Path) -> Non
             steps = best["cycles"] * (steps + 1) + 1
         set_up = len(best["legs"]) * (2.0 + steps * expected_s / 60.0)
         assert best["minutes"] == pytest.approx(set_up, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", [*machine_files(), "hexaslide"])
+def test_a_machine_file_to_begin_with_is_one_that_the_program_takes(
+    tmp_path: Path, name: str
+) -> None:
+    copy = tmp_path / "mine.toml"
+    assert glidecal("machine", name, "-o", str(copy)).status == 0
+    assert copy.read_text(encoding="utf-8") == glidecal("machine", name).out
+    hexaslide = "chain" in tomllib.loads(copy.read_text(encoding="utf-8"))
+    if hexaslide:
+        options = ("--procedure", "pose-inverse", "--postures", "16")
+        assert glidecal("identifiability", str(copy), *options).status == 0
+    else:
+        assert glidecal("workspace", str(copy)).status == 0
+
+
+def test_without_a_name_it_is_the_usual_machine(tmp_path: Path) -> None:
+    assert tomllib.loads(glidecal("machine").out)["name"] == "orthoglide"
+    assert "Allowed: gough-stewart" in refused(2, "machine", "delta")
+    copy = tmp_path / "mine.toml"
+    copy.write_text("mine", encoding="utf-8")
+    assert "there already" in refused(2, "machine", "-o", str(copy))
+    assert copy.read_text(encoding="utf-8") == "mine"
+    assert glidecal("machine", "-o", str(copy), "--force").status == 0

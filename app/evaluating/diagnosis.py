@@ -11,6 +11,7 @@ from typing import Annotated
 
 from app.evaluating.correction import ControllerCorrections, case_of
 from app.evaluating.own_effects import known_effects
+from app.evaluating.printer import printer_change
 from app.evaluating.solution import (
     load_sessions,
     refuse_leaning_planes,
@@ -42,6 +43,7 @@ from protocols.effect_entries import (
 )
 from protocols.files import write_files
 from protocols.journal import write_whole
+from protocols.machine import Machine
 from protocols.model_file import (
     ModelFile,
     ambiguity,
@@ -127,7 +129,10 @@ class SessionDiagnosis(Tabled):
     @cached_property
     def tool(self) -> DiagnosedTool:
         """What the tool is off by, now and with values entered."""
-        return DiagnosedTool.of(self.corrections)
+        return self._tool(self.corrections)
+
+    def _tool(self, corrections: ControllerCorrections) -> DiagnosedTool:
+        return DiagnosedTool.of(corrections, self.sessions[0].opened.machine)
 
     def adopted_tool(self, candidate: str | None = None) -> AdoptedTool | None:
         """What the tool is off by if the names are true that `adopt` takes with this candidate.
@@ -138,7 +143,7 @@ class SessionDiagnosis(Tabled):
         posterior = conditional(self.corrections.posterior, names)
         if posterior is None:
             return None
-        return AdoptedTool(names, DiagnosedTool.of(self.corrections.with_posterior(posterior)))
+        return AdoptedTool(names, self._tool(self.corrections.with_posterior(posterior)))
 
     @cached_property
     def separation(self) -> Separation | None:
@@ -164,17 +169,22 @@ class SessionDiagnosis(Tabled):
 
 @dataclass(frozen=True, eq=False)
 class DiagnosedTool:
-    """R.m.s. error of the tool over the workspace in a frame: ``now``, and with values entered."""
+    """R.m.s. error of the tool over the workspace in a frame: ``now``, and with values entered.
+
+    ``firmware`` is with all that the firmware of a printer holds; None for another machine.
+    """
 
     frame: Frame
     now: ToolOff
     entered: dict[Holds, ToolOff]
+    firmware: ToolOff | None
 
     @classmethod
-    def of(cls, corrections: ControllerCorrections) -> DiagnosedTool:
+    def of(cls, corrections: ControllerCorrections, machine: Machine) -> DiagnosedTool:
         """The tool with each correction of these sessions."""
         entered: dict[Holds, ToolOff] = {holds: corrections.of(holds).off for holds in HOLDS}
-        return cls(corrections.frame, corrections.off_now, entered)
+        change = printer_change(machine, corrections, ())
+        return cls(corrections.frame, corrections.off_now, entered, change.off if change else None)
 
     @property
     def now_mm(self) -> float:
@@ -185,6 +195,11 @@ class DiagnosedTool:
     def entered_mm(self) -> dict[Holds, float]:
         """The same with what each controller holds entered."""
         return {holds: off.bound_in(self.frame) for holds, off in self.entered.items()}
+
+    @property
+    def firmware_mm(self) -> float | None:
+        """The same with all that the firmware of a printer holds."""
+        return self.firmware.bound_in(self.frame) if self.firmware else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from calib.tripod.geometry import USUAL_ANGLES_DEG
 
 if TYPE_CHECKING:
     from app.evaluating.correction import ControllerCorrections, TowerCorrection
-    from calib.posterior.correction import ToolOff
+    from calib.posterior.correction import LeftOut, ToolOff
     from protocols.machine import Machine
     from protocols.session import Reading
 
@@ -94,8 +94,8 @@ class PrinterChange:
     """All that changes, with the bound of the tool, and how even the plate is in the contacts.
 
     ``uneven_mm`` is the r.m.s. of heights about their mean, as they were probed and as the same
-    probing would show them; None for a session that is not of contacts. With ``turns`` travels are
-    mm for a turn, else steps per mm.
+    probing would show them; None for a session that is not of contacts. ``left_out`` are parts that
+    no entry takes. With ``turns`` travels are mm for a turn, else steps per mm.
     """
 
     towers: tuple[TowerChange, ...]
@@ -104,6 +104,7 @@ class PrinterChange:
     now_mm: float
     bound_mm: float
     uneven_mm: ValueChange | None
+    left_out: tuple[LeftOut, ...]
     turns: bool = True
 
     @property
@@ -181,6 +182,7 @@ def printer_change(
         corrections.off_now.bound_in(corrections.frame),
         best.off.bound_in(corrections.frame),
         _uneven_mm(contacts, best),
+        best.left_out,
         turns is not None,
     )
 

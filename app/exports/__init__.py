@@ -25,7 +25,10 @@ from protocols.model_file import model_file
 
 
 def as_json(offsets: Offsets) -> Export:
-    """Schema ``glidecal.offsets/1``: joint offsets, without the effects of a model."""
+    """Schema ``glidecal.offsets/1``: joint offsets, and all that the firmware of a printer holds.
+
+    Effects of a model are not in it.
+    """
     offsets = for_controller(offsets, "offsets", moves_the_tool(offsets.model))
     text = to_json(OffsetsReport.of(offsets)) + "\n"
     return Export({"": text}, offsets.cautions)

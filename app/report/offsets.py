@@ -9,6 +9,7 @@ from pathlib import Path
 
 from app.evaluating.correction import SessionCorrection
 from app.evaluating.own_effects import known_effects
+from app.evaluating.printer import PrinterChange
 from app.evaluating.solution import LineParameter, SessionSolution, solve_files
 from app.report.schema.solution import Offset
 from app.report.text.caveats import caveats, caveats_of_view
@@ -91,6 +92,11 @@ class Offsets:
         _all_stated(f"offsets of {self.source}", self.parameters)
         x, y, z = (self.parameters[name].value for name in JOINT_OFFSETS)
         return x, y, z
+
+    @property
+    def printer_change(self) -> PrinterChange | None:
+        """All that the firmware of a printer is to hold, where the correction is written."""
+        return self.solved.printer_change if self.solved and not self.view else None
 
     @property
     def lines(self) -> tuple[LineParameter, ...]:

@@ -69,6 +69,11 @@ class ToolEntry(Report):
     entered_mm: dict[Holds, float] = of(
         lambda r: r.entered_mm, "with all values that a controller can take entered"
     )
+    firmware_mm: float | None = of(
+        lambda r: r.firmware_mm,
+        "of a printer: with all values of its firmware entered",
+        asked=True,
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ from typing import Literal
 
 from app.evaluating.solution import LineParameter
 from app.report.offsets import Offsets
-from app.report.schema.document import Report, Source, schema
-from app.report.schema.solution import LINES, Offset
+from app.report.schema.document import Report, Source, maybe, schema
+from app.report.schema.solution import LINES, FirmwareEntry, Offset
 
 CONVENTION = "true position = believed position + d_rho; true length = nominal + d_L"
 
@@ -26,6 +26,11 @@ class OffsetsReport(Report):
     unit: Literal["mm"] = "mm"
     cautions: tuple[str, ...] = of(lambda r: r.cautions, "the lines that solve says of this result")
     parameters: dict[str, Offset] = of(lambda r: r.parameters)
+    firmware: FirmwareEntry | None = of(
+        lambda r: maybe(FirmwareEntry.of, r.printer_change),
+        "of a printer: what is entered in place of the parameters",
+        asked=True,
+    )
     lines: tuple[LineParameter, ...] = of(
         lambda r: r.lines, f"lines of the drives, which a controller may hold or not; {LINES}"
     )

@@ -135,6 +135,7 @@ class FirmwareEntry(Report):
     towers: tuple[TowerEntry, ...] = of(lambda r: tuple(map(TowerEntry.of, r.towers)))
     radius_mm: ValueChange = of(lambda r: r.radius)
     bound: FramesEntry = of(lambda r: FramesEntry.of(r.off.bound_mm), "with all of it entered")
+    left_out: tuple[LeftOut, ...] = of(lambda r: r.left_out, "parts that it has no value for")
 
 
 class CorrectionEntry(Report):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from app.evaluating.correction import SessionCorrection
+from app.evaluating.printer import PrinterChange
 from app.evaluating.solution import SessionSolution
 from app.report.text.tables import new_table, signed, uncertain
 from calib.identify.solution import Subset
@@ -144,11 +145,21 @@ def gain_line(solved: SessionSolution, correction: SessionCorrection) -> str:
 
 def correction_lines(solved: SessionSolution, correction: SessionCorrection) -> Iterable[str]:
     """What every file of a correction says of it."""
+    change = solved.printer_change if correction.holds != "kinematics" else None
     return (
         bound_line(correction),
         *left_out_lines(correction.left_out),
-        gain_line(solved, correction),
+        firmware_line(change) if change else gain_line(solved, correction),
         *warning_lines(solved, correction),
+    )
+
+
+def firmware_line(change: PrinterChange) -> str:
+    """What a file without the values of a printer's firmware lacks, and the bound with them."""
+    return (
+        "NOTE: arm lengths, radius and angles of the firmware are not among these values. With all "
+        f"values of the firmware entered, the tool is off by at most {uncertain(change.bound_mm)} "
+        "mm: --format klipper, reprapfirmware or marlin, and firmware of --format json."
     )
 
 

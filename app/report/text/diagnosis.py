@@ -93,7 +93,9 @@ SHOWN_MM = 0.00005
 WORTH_SAYING = 0.9
 """Of the bound with joint offsets: what leaves more is not worth a sentence."""
 
+FIRMWARE = "all values of the firmware entered"
 WITH: dict[Holds, str] = {
+    "offsets": "joint offsets entered",
     "play": "play as well",
     "tables": "play and a table of each joint as well",
     "kinematics": "all that a controller can hold",
@@ -173,36 +175,42 @@ def _support(diagnosed: SessionDiagnosis, key: str = "") -> list[str]:
 
 def tool_text(tool: DiagnosedTool) -> str:
     """What the tool is off by at most, as it is and with values entered."""
-    entered = tool.entered_mm
-    words = f"With joint offsets entered: {uncertain(entered['offsets'])} mm."
-    if best := _worth_holding(tool):
-        words += f" With {WITH[best]}: {uncertain(entered[best])} mm."
+    bounds_mm = _bounds_mm(tool)
+    words = " ".join(f"With {way}: {uncertain(bounds_mm[way])} mm." for way in _ways(tool))
     return (
         f"Tool over the workspace, r.m.s. (95 %), {FRAME_WORDS[tool.frame]}: at most "
         f"{uncertain(tool.now_mm)} mm now. {words}"
     )
 
 
-def _worth_holding(tool: DiagnosedTool) -> Holds | None:
-    """What a controller holds that keeps the tool best; None where joint offsets do as well."""
+def _bounds_mm(tool: DiagnosedTool) -> dict[str, float]:
+    """What the tool is off by at most, by the words for what is entered."""
+    bounds_mm = {WITH[holds]: mm for holds, mm in tool.entered_mm.items()}
+    return bounds_mm if tool.firmware_mm is None else {**bounds_mm, FIRMWARE: tool.firmware_mm}
+
+
+def _ways(tool: DiagnosedTool) -> list[str]:
+    """Joint offsets, and what keeps the tool best where they do not as well.
+
+    Of a printer first all that its firmware holds, whatever other controllers may.
+    """
+    if tool.firmware_mm is not None:
+        return [FIRMWARE, WITH["offsets"]]
     entered = tool.entered_mm
     better = [h for h in HOLDS[1:] if entered[h] < WORTH_SAYING * entered["offsets"]]
-    if not better:
-        return None
-    return min(better, key=entered.__getitem__)
+    best = sorted(better, key=entered.__getitem__)[:1]
+    return [WITH[holds] for holds in ("offsets", *best)]
 
 
 def adopted_text(adopted: AdoptedTool, all_models: DiagnosedTool) -> str:
     """What the tool is off by at most if the adopted names are true, beside all models."""
     tool = adopted.tool
     names = " and ".join(f"{name.id} ({name.where})" for name in adopted.names)
-    words_of_holds: dict[Holds, str] = {"offsets": "joint offsets entered"}
-    if best := _worth_holding(tool):
-        words_of_holds[best] = WITH[best]
+    bounds_mm, over_all_mm = _bounds_mm(tool), _bounds_mm(all_models)
     bounds = ", ".join(
-        f"at most {uncertain(tool.entered_mm[holds])} mm with {words} (over all models "
-        f"{uncertain(all_models.entered_mm[holds])} mm)"
-        for holds, words in words_of_holds.items()
+        f"at most {uncertain(bounds_mm[way])} mm with {way} (over all models "
+        f"{uncertain(over_all_mm[way])} mm)"
+        for way in _ways(tool)
     )
     frame = FRAME_WORDS[tool.frame]
     return f"Given {names}: tool over the workspace, r.m.s. (95 %), {frame}, {bounds}."

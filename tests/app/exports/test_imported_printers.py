@@ -7,10 +7,14 @@ nobody knows, judge a file too: the plate must be where it was, and more even.
 
 from __future__ import annotations
 
+import configparser
 import csv
+import json
 import math
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -124,3 +128,44 @@ def test_ten_contacts_of_a_real_printer_stay_at_their_height(
     after = heights(REAL_READ[kind](file_of(real, kind, tmp_path, *options)))
     assert after[-1] - before[-1] == pytest.approx(0.0, abs=WITHIN_MM)
     assert after.std() < before.std()
+
+
+def test_no_document_drops_what_the_firmware_of_a_printer_holds(
+    simulated: Path, tmp_path: Path
+) -> None:
+    """Judged by the file for Klipper. Before: JSON, CSV and diagnose had joint offsets only."""
+    run = glidecal("export", simulated, "--format", "klipper", "-o", tmp_path / "c.cfg")
+    file = configparser.ConfigParser(inline_comment_prefixes="#")
+    file.read(tmp_path / "c.cfg", encoding="utf-8")
+    (bound,) = re.findall(r"at most (\S+) mm with these values", run.err)
+
+    def document(*arguments: str | Path) -> dict[str, Any]:
+        answer: dict[str, Any] = json.loads(glidecal(*arguments).out)
+        return answer
+
+    offsets = document("export", simulated, "--format", "json", "-o", "-")
+    firmware = offsets["firmware"]
+    assert firmware["radius_mm"]["then"] == pytest.approx(
+        file.getfloat("printer", "delta_radius"), abs=1e-6
+    )
+    for tower in firmware["towers"]:
+        stepper = file[f"stepper_{tower['tower']}"]
+        written = [stepper.getfloat(key) for key in ("position_endstop", "arm_length", "angle")]
+        entries = [tower[key]["then"] for key in ("endstop_mm", "arm_mm", "angle_deg")]
+        assert entries == pytest.approx(written, abs=1e-6)
+    tool = document("diagnose", simulated, "--json")["tool"]
+    for bound_mm in (firmware["bound"]["touched_off_mm"], tool["firmware_mm"]):
+        assert bound_mm == pytest.approx(float(bound), abs=5e-4)
+    assert f"With all values of the firmware entered: {bound} mm." in words(
+        glidecal("diagnose", simulated).out
+    )
+    table = glidecal("export", simulated, "--format", "csv", "-o", "-")
+    lacks = (
+        "arm lengths, radius and angles of the firmware are not among these values. With all "
+        f"values of the firmware entered, the tool is off by at most {bound} mm"
+    )
+    assert all(lacks in words(text) for text in (table.out, table.err, *offsets["cautions"][1:2]))
+
+
+def words(text: str) -> str:
+    return " ".join(text.split())

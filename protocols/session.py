@@ -111,9 +111,19 @@ def measured_words(opened: Beginning, form: str = "%Y-%m-%d") -> str:
     return f"{opened.measured_on or 'not stated'}, imported {recorded}"
 
 
-def day_words(opened: Beginning) -> str:
-    """The day when it was measured; where nobody stated it, the day of the import."""
-    return f"{measured_at(opened).date()}" if is_dated(opened) else measured_words(opened)
+def measured_days(opened: Beginning, readings: Iterable[Line]) -> tuple[date, date]:
+    """The day when the session began, and that of its last reading; of a table the day of all."""
+    first = measured_at(opened).date()
+    if opened.origin == "imported":
+        return first, first
+    return first, max([first, *(reading.at.date() for reading in readings)])
+
+
+def day_words(opened: Beginning, readings: Iterable[Line]) -> str:
+    """The days when it was measured; where nobody stated it, the day of the import."""
+    if not is_dated(opened):
+        return measured_words(opened)
+    return " to ".join(f"{day}" for day in dict.fromkeys(measured_days(opened, readings)))
 
 
 def _beside(name: str) -> str:

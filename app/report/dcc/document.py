@@ -71,11 +71,11 @@ class Result:
 
 @dataclass(frozen=True)
 class RecordedSession:
-    """A record that the results are from."""
+    """A record that the results are from, with its first and its last day."""
 
     name: str
     digest: str
-    day: date
+    days: tuple[date, date]
     dated: bool
     simulated: bool
     temperature_c: float | None
@@ -126,7 +126,7 @@ def certificate_xml(contents: CertificateContents) -> str:
         contents=contents,
         order=contents.head.order,
         laboratory=contents.head.laboratory,
-        days=sorted(session.day for session in sessions),
+        days=sorted(day for session in sessions for day in session.days),
         procedures=list(dict.fromkeys(session.procedure for session in sessions)),
         temperatures=[
             CertifiedValue(f"temperature, {session.name}", session.temperature_c, UNITS["°C"])

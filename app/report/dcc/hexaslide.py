@@ -19,7 +19,7 @@ from app.report.text.hexaslide_diagnosis import verdict_words
 from protocols.hexaslide import HexaSlideMachine, machine_like
 from protocols.hexaslide_session import PostureSession
 from protocols.record import Record
-from protocols.session import is_dated, measured_at
+from protocols.session import is_dated, measured_days
 
 THOUSANDTHS = {"m": UNITS["mm"], "rad": UNITS["mrad"]}
 NOT_ALONE = (
@@ -56,7 +56,7 @@ def _recorded(session: PostureSession, record: Record) -> RecordedSession:
     return RecordedSession(
         session.name,
         record.digest,
-        measured_at(opened).date(),
+        measured_days(opened, session.readings),
         is_dated(opened),
         opened.origin == "simulated",
         opened.temperature_c,

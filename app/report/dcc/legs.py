@@ -17,7 +17,7 @@ from app.report.dcc.document import (
 from app.report.text.correction import FREE_WORDS, frames_of
 from calib.arrays import LEG_NAMES
 from calib.posterior.tool import Frame
-from protocols.session import Session, is_dated, measured_at
+from protocols.session import Session, is_dated, measured_days
 
 
 def contents_of(calibration: CertifiedCalibration) -> CertificateContents:
@@ -44,7 +44,7 @@ def _recorded(session: Session) -> RecordedSession:
     return RecordedSession(
         session.name,
         session.digest,
-        measured_at(opened).date(),
+        measured_days(opened, session.readings),
         is_dated(opened),
         opened.origin == "simulated",
         opened.temperature_c,

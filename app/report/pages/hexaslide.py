@@ -179,7 +179,7 @@ def _object(certified: CertifiedPostures) -> Table:
     table = new_table("object", shortened(opened[0].machine.full_name), left=2)
     rows: list[tuple[str, Iterable[str | None]]] = [
         *ordered_rows(certified.head, certified.serial_numbers),
-        ("measured", dict.fromkeys(map(day_words, opened))),
+        ("measured", dict.fromkeys(day_words(s.opened, s.readings) for s, _ in certified.sessions)),
         ("operator", dict.fromkeys(start.operator for start in opened)),
         ("temperature", dict.fromkeys("" if c is None else f"{c:g} °C" for c in celsius)),
         ("procedure", dict.fromkeys(start.procedure.name for start in opened)),

@@ -108,7 +108,7 @@ def _object(calibration: CertifiedCalibration) -> Table:
     count = sum(len(session.readings) for session in sessions)
     rows: list[tuple[str, Iterable[str | None]]] = [
         *ordered_rows(calibration.head, calibration.serial_numbers),
-        ("measured", dict.fromkeys(map(day_words, opened))),
+        ("measured", dict.fromkeys(day_words(s.opened, s.readings) for s in sessions)),
         ("operator", dict.fromkeys(start.operator for start in opened)),
         ("temperature", dict.fromkeys(_temperature(start.temperature_c) for start in opened)),
         ("procedure", dict.fromkeys(procedures)),

@@ -22,6 +22,7 @@ from app.report.pages.contents import report_of
 from app.report.pages.report import html_of
 from protocols.journal import write_whole
 from protocols.record import read_record
+from protocols.session import Line
 from tests.app.cli import glidecal, refused
 from tests.app.report.certificates import LABORATORY, laboratory
 from tests.app.report.test_pages import HOSTILE, hostile_session
@@ -125,6 +126,23 @@ def test_every_decision_is_against_the_tolerance_beside_it(
     assert decided[-1].text == ("pass" if judged_mm == 0.5 else "undecided")
     assert f"Tolerance: {judged_mm:g} mm" in calibration.decision
     assert f"tolerance {judged_mm:g} mm" in calibration.judged_words
+
+
+def test_the_last_day_is_that_of_the_last_reading(order: Path, tmp_path: Path) -> None:
+    """Before: both days were that of the session's begin."""
+    record, path = read_record(SIMULATED), tmp_path / "overnight.jsonl"
+    began = datetime(2026, 11, 20, 22, 0, tzinfo=UTC)
+    lines = [line for line in record.events[1:-1] if line.event != "closed"]
+    dated: list[Line] = [
+        line.model_copy(update={"at": began + timedelta(hours=4.0 * k / len(lines))})
+        for k, line in enumerate(lines, start=1)
+    ]
+    write_whole(path, record.opened.model_copy(update={"at": began}), dated)
+    root = ElementTree.fromstring(written(order, path))
+    dates = [root.find(f".//dcc:{end}PerformanceDate", NAMES) for end in ("begin", "end")]
+    assert [day.text for day in dates if day is not None] == ["2026-11-20", "2026-11-21"]
+    html = html_of(report_of([path], head=read_head(order)))
+    assert "2026-11-20 to 2026-11-21" in " ".join(html.split())
 
 
 def test_another_serial_number_in_the_record_is_shown(order: Path, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ carriages are higher by A % of x and B % of y (LinearDeltaKinematics.cpp), and s
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
@@ -17,7 +17,8 @@ from protocols.printers.tower_printer import Contact, Held, TowerPrinter
 
 NAME = "reprapfirmware"
 FAR_MM = -9999.0
-"""From this Z on down ``G30 P`` probes; above it a person states the height."""
+"""From this Z on down ``G30 P`` probes; above it a person states the height. Without a Z it is that
+where the tool is (GCodes.cpp, ``ExecuteG30``). The answer has stated heights, too."""
 
 ANSWER = re.compile(r"G32 bed probe heights:(.*?)(?:, mean .*)?$")
 HELD = re.compile(
@@ -61,8 +62,8 @@ def is_mine(text: str) -> bool:
 
 def held(texts: Texts) -> Held:
     """Geometry and contacts of these files together. Raises RecordError."""
-    texts = _with_numbers(_in_order(texts))
     odd: list[str] = []
+    texts = _as_started(_with_numbers(_in_order(texts)), odd)
     answers = list(_answers(texts))
     printer = _printer(texts, answers)
     offset, tilt = dict.fromkeys("XYZ", 0.0), dict.fromkeys("AB", 0.0)
@@ -93,6 +94,20 @@ def _in_order(texts: Texts) -> Texts:
         return 1 if SAVED in text else 2 * bool(PROBES.search(text))
 
     return sorted(texts, key=lambda each: turn(each[1]))
+
+
+def _as_started(texts: Texts, odd: list[str]) -> Texts:
+    """Files without what M500 saved where the configuration has no M501, which reads it."""
+    configured = [each for each in texts if SAVED not in each[1]]
+    if not any(commands(configured, "M665")) or any(commands(configured, "M501")):
+        return texts
+    odd += [
+        f"{path.name}: the configuration has no M501, so the firmware does not read it when it "
+        "starts"
+        for path, text in texts
+        if SAVED in text
+    ]
+    return configured
 
 
 def _with_numbers(texts: Texts) -> Texts:
@@ -187,7 +202,8 @@ def _heights(
     texts: Texts, all_answers: Answers, odd: list[str]
 ) -> Iterator[tuple[float, float, float, str]]:
     """Place of the probe, height, and where that was answered, for each that was measured."""
-    groups = _groups(texts, odd)
+    groups = _groups(texts)
+    odd += _unlike_contacts(groups)
     answers = [(where, m[1]) for where, text in all_answers if (m := ANSWER.search(text))]
     if not answers:
         return
@@ -213,13 +229,27 @@ def _heights(
             )
         for point, entry in zip(sorted(group), entries, strict=True):
             line = group[point]
-            if entry in ("not set", "probing failed"):
+            if _is_probed(line) and entry in ("not set", "probing failed"):
                 odd.append(f"{where}: place {line.text!r}: {entry}")
-            else:
+            elif _is_probed(line):
                 yield line.value("X"), line.value("Y"), float(entry), where
 
 
-def _groups(texts: Texts, odd: list[str]) -> list[dict[float, CodeLine]]:
+def _unlike_contacts(groups: Sequence[dict[float, CodeLine]]) -> Iterator[str]:
+    """Places that are not probed, and what is added to a height."""
+    for line in (line for group in groups for line in group.values()):
+        if not _is_probed(line):
+            yield f"{line.where}: {line.text!r}: no place that is probed"
+        elif line.value("H"):
+            yield f"{line.where}: {line.text!r}: the correction H of a height"
+
+
+def _is_probed(line: CodeLine) -> bool:
+    """Whether its height is measured, at a place that it states."""
+    return {"X", "Y"} <= line.words.keys() and line.value("Z", 0.0) <= FAR_MM
+
+
+def _groups(texts: Texts) -> list[dict[float, CodeLine]]:
     """Places that are reported together, each by its P; a place probed again is where it was last.
 
     S ends a group. One that calibrates (S from 0 on) is answered without heights: it counts only
@@ -230,11 +260,6 @@ def _groups(texts: Texts, odd: list[str]) -> list[dict[float, CodeLine]]:
     for line in commands(texts, "G30"):
         if "P" not in line.words:
             continue
-        if not {"X", "Y"} <= line.words.keys() or line.value("Z", FAR_MM) > FAR_MM:
-            odd.append(f"{line.where}: {line.text!r}: no place that is probed")
-            continue
-        if line.value("H"):
-            odd.append(f"{line.where}: {line.text!r}: the correction H of a height")
         now[line.value("P")] = line
         if "S" in line.words:
             groups.append(now)

@@ -415,7 +415,7 @@ ODD_G = "G30 P0 X0 Y0 Z-99999\nG30 P1 X50 Y0 Z0.1\nG30 P2 X0 Y50 Z-99999 S-1\n"
     ("texts", "message"),
     [
         (
-            (CONFIG_G, ODD_G, "G32 bed probe heights: 0.010 probing failed, mean 0, dev"),
+            (CONFIG_G, ODD_G, "G32 bed probe heights: 0.010 0.100 probing failed, mean 0, dev"),
             "1.g, line 2: 'G30 P1 X50 Y0 Z0.1': no place that is probed | "
             "2.g, line 1: place 'G30 P2 X0 Y50 Z-99999 S-1': probing failed",
         ),
@@ -495,7 +495,7 @@ def test_files_are_read_in_the_firmwares_order(tmp_path: Path) -> None:
     """As a shell sorts them: bed.g, config-override.g, config.g."""
     macro, log = g32(PERFECT)
     macro = "G31 X0 Y0 ; no offset\n" + macro
-    beside = CONFIG_G.replace("G31 P500 X0", "G31 P500 X12")
+    beside = CONFIG_G.replace("G31 P500 X0", "G31 P500 X12") + "M501 ; what M500 saved\n"
     (tmp_path / "run").mkdir()
     run = read(tmp_path / "run", beside, SAVED_G, macro, log)
     assert run.opened.machine.position_endstop_mm == pytest.approx((301.35, 300.95, 301.45))
@@ -504,6 +504,47 @@ def test_files_are_read_in_the_firmwares_order(tmp_path: Path) -> None:
     assert positions(sorted_ones) == positions(run)
     got, want = sorted_ones.opened.machine, run.opened.machine
     assert (got.drive, got.position_endstop_mm) == (want.drive, want.position_endstop_mm)
+
+
+def test_what_m500_saved_counts_if_the_configuration_reads_it(tmp_path: Path) -> None:
+    """Only M501 reads it as the firmware starts. Before: it was taken in any case."""
+    macro, log = g32(PERFECT)
+    (tmp_path / "plain").mkdir()
+    plain = read(tmp_path / "plain", CONFIG_G, macro, log)
+    unread = read(tmp_path, CONFIG_G, SAVED_G, macro, log)
+    assert unread.opened.machine.drive == plain.opened.machine.drive
+    assert positions(unread) == positions(plain)
+    assert unread.odd == (
+        "1.g: the configuration has no M501, so the firmware does not read it when it starts",
+    )
+    alone = read(tmp_path, SAVED_G, macro, log)
+    assert not alone.odd
+    assert alone.opened.machine.position_endstop_mm == pytest.approx((301.35, 300.95, 301.45))
+
+
+@pytest.mark.parametrize("stated", ["Z0.1", "Z-5", ""])
+@pytest.mark.parametrize("number", [7, 18])
+def test_a_stated_height_is_in_the_answer_and_no_contact(
+    tmp_path: Path, number: int, stated: str
+) -> None:
+    """P7 states its height, or has no Z: the firmware probes nothing there, and answers for it.
+
+    Before: the answers were refused, and without Z a height that nobody measured was a contact.
+    """
+    macro, log = g32(PERFECT)
+    (tmp_path / "plain").mkdir()
+    plain = positions(read(tmp_path / "plain", CONFIG_G, macro, log))
+    places = macro.splitlines(keepends=True)
+    places[number] = places[number].replace("Z-99999", stated)
+    answer = re.findall(r"-?\d\.\d{3}", log)
+    answer[number] = "0.100"
+    texts = "".join(places), f"G32 bed probe heights: {' '.join(answer[:19])}, mean 0.1\n"
+    printer = read(tmp_path, CONFIG_G, *texts)
+    del plain[number]
+    assert positions(printer) == plain
+    assert len(printer.odd) == 1
+    assert f"P{number} " in printer.odd[0]
+    assert "no place that is probed" in printer.odd[0]
 
 
 @pytest.mark.parametrize("clock", ["19:31:24 19:31:21 19:29:25 19:29:22", "1:02:04 PM 12:59:21 PM"])
@@ -597,7 +638,7 @@ MACRO, LOG = g32(PERFECT)
     [
         ((CONFIG_G, LOG), "1 answers of G32 to 0 lists of places G30 P"),
         ((CONFIG_G, MACRO), "no contact with the plate"),
-        ((CONFIG_G, ODD_G, LOG), "19 heights for 2 places"),
+        ((CONFIG_G, ODD_G, LOG), "19 heights for 3 places"),
         ((CONFIG_G.replace(f"R{true.RADIUS}", ""), MACRO, LOG), "M665 without R"),
         ((CONFIG_G.replace(f"R{true.RADIUS}", "R900"), MACRO, LOG), "on a radius of 900 mm"),
         ((CONFIG_G.replace("H300.0", "H1:2"), MACRO, LOG), "H and a number"),

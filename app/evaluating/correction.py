@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Self
 
 from calib.arrays import LEG_NAMES, FloatArray, Observations
 from calib.errors import ImpossibleRequest, NotIdentifiable
-from calib.noise.reading import IndicatorFigures
-from calib.posterior.cells import SessionCase
+from calib.noise.reading import IndicatorFigures, Noise
+from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.correction import (
     HOLDS,
     Correction,
@@ -202,6 +202,15 @@ class ControllerCorrections:
         return replace(self, stated=posterior, _made={}, _towers={})
 
     @cached_property
+    def noise(self) -> Noise | None:
+        """Of a single reading as the posterior has it, which all that is stated of it is from.
+
+        None where repeats and indicators tell nothing of one of the sessions.
+        """
+        noises = [noise for cells in self.posterior.sessions if (noise := _noise_of(cells))]
+        return Noise.of_sessions(noises) if len(noises) == len(self.cases) else None
+
+    @cached_property
     def mistakes(self) -> tuple[LikelyMistake, ...]:
         """Mistakes of labels and readings that are likely, the likeliest first."""
         return tuple(
@@ -339,6 +348,14 @@ def case_of_machine(
         length_correlation=machine.length_correlation,
         radius_mm=machine.radius_tolerance_mm,
     )
+
+
+def _noise_of(cells: Cells) -> Noise | None:
+    """Of a session. Errors that follow each other are larger than their repeats show."""
+    if cells.noise is None or not cells.serial:
+        return cells.noise
+    shown_mm2 = cells.noise.repeatability_mm2(cells.visited)
+    return cells.noise.scattering(float(cells.scatter_mm2.sum() / shown_mm2.sum()))
 
 
 def _impossible(model: Model, *, tabled: bool) -> dict[str, str]:

@@ -23,6 +23,7 @@ from calib.diagnosis.diagnose import diagnosis_of
 from calib.diagnosis.results import Contender, Diagnosis, Finding, Named
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.solution import Subset
+from calib.noise.reading import Noise
 from calib.posterior.cells import Cells
 from calib.posterior.correction import HOLDS, Holds, ToolOff, correction
 from calib.posterior.measurements import USUAL_PACE, FurtherMeasurement, Pace, candidates
@@ -107,6 +108,11 @@ class SessionDiagnosis(Tabled):
     def held_out(self) -> tuple[str, ...]:
         """Names of the others."""
         return tuple(session.name for session in self.others)
+
+    @property
+    def noise(self) -> Noise | None:
+        """Of a single reading; None where repeats and indicators tell nothing."""
+        return self.corrections.noise
 
     def table(self) -> DataTable:
         """A row for each size of what was named, then of the other candidates, best first."""

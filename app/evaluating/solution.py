@@ -21,6 +21,7 @@ from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identi
 from calib.identify.solution import Difference, Estimate, Method, Solution, Subset, Weights
 from calib.identify.subset_choice import SubsetChoice, choose_subset, usual_solution
 from calib.noise.reading import (
+    Noise,
     NoisyIndicator,
     noisy_indicators,
     single_posture_rows,
@@ -182,9 +183,19 @@ class SessionSolution(Tabled):
         return bool(self.lines) and self.verdict == "agrees"
 
     @property
+    def noise(self) -> Noise:
+        """Of a single reading, as the posterior has it; else, what the fit of the set leaves.
+
+        Suspect readings and drift from cycle to cycle are as the set has them.
+        """
+        of_set = self.solution.noise
+        stated = self.corrections.noise or of_set
+        return replace(stated, outliers=of_set.outliers, cycle_drift_mm=of_set.cycle_drift_mm)
+
+    @property
     def suspects(self) -> tuple[Suspect, ...]:
         """Readings that do not fit their own repeats."""
-        outliers = self.solution.noise.outliers
+        outliers = self.noise.outliers
         return tuple(
             Suspect(*self.visits[outlier.row], outlier.studentised) for outlier in outliers
         )
@@ -193,7 +204,7 @@ class SessionSolution(Tabled):
     def noisy(self) -> tuple[NoisyChannel, ...]:
         """Indicators that scatter more than the quietest."""
         readings = _counting(self.sessions)
-        indicators = noisy_indicators(self.observed, self.solution.noise)
+        indicators = noisy_indicators(self.observed, self.noise)
         return tuple(NoisyChannel(*readings[indicator.row], indicator) for indicator in indicators)
 
     @cached_property

@@ -138,9 +138,6 @@ class _Report:
             verdict=verdict,
             sentence=sentence(verdict, findings, where)
             + (repeats_words(pattern) if pattern and repeats else ""),
-            noise_mm=math.sqrt(self.before.reading_mm2),
-            noise_df=self.before.noise_freedom,
-            noise_source=cells[0].noise.source if cells[0].noise else "residuals",
             missing=self.claims.missing,
             something_else=self.claims.unnamed,
             names=tuple(LikelyName(*entry) for entry in self.claims.ids.items()),

@@ -240,9 +240,6 @@ class Diagnosis:
 
     verdict: Verdict
     sentence: str
-    noise_mm: float
-    noise_df: float
-    noise_source: str
     missing: float
     something_else: float
     names: tuple[LikelyName, ...]
@@ -259,11 +256,6 @@ class Diagnosis:
     left_over: ModelDiscrepancy | None = None
     pattern: SharedPattern | None = None
     cleaned: tuple[CleanedReadings, ...] = field(default=(), repr=False)
-
-    @property
-    def known_noise_mm(self) -> float | None:
-        """`noise_mm`; None where repeats and indicators tell nothing and it is a mere weight."""
-        return self.noise_mm if self.noise_df > 0.0 else None
 
 
 @dataclass(frozen=True)

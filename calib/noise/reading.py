@@ -67,6 +67,12 @@ class Noise:
     repeated: Repeated = "nothing"
     cycle_drift_mm: float | None = None
 
+    @classmethod
+    def of_sessions(cls, noises: Sequence[Noise]) -> Noise:
+        """Of several sessions: the indicators of each, in the order of the sessions."""
+        indicators = tuple(indicator for noise in noises for indicator in noise.indicators)
+        return replace(noises[0], indicators=indicators, pooled=len(set(indicators)) == 1)
+
     @property
     def standard_deviation_mm(self) -> float:
         """Standard deviation of a single reading, mean square over the indicators, mm."""
@@ -125,6 +131,16 @@ class Noise:
         """Variance that each value ``(n_readings,)`` shares with its repeats, mm²."""
         shared = np.array([indicator.quantisation_mm2 for indicator in self.indicators])
         return np.asarray(shared[observed.indicator])
+
+    def scattering(self, factor: float) -> Noise:
+        """The same noise with the variance that repeats show times ``factor``."""
+        return replace(
+            self,
+            indicators=tuple(
+                replace(indicator, repeatability_mm2=indicator.repeatability_mm2 * factor)
+                for indicator in self.indicators
+            ),
+        )
 
     def scaled(self, factor: float) -> Noise:
         """The same noise with every variance times ``factor``."""

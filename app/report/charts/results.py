@@ -192,7 +192,7 @@ def residuals_over_normal(solved: SessionSolution) -> Chart:
     """
     left_mm, scores = (values.tolist() for values in solved.left_over_normal)
     left_um = tuple(1000.0 * mm for mm in left_mm)
-    noise_um = 1000.0 * solved.solution.noise.standard_deviation_mm
+    noise_um = 1000.0 * solved.noise.standard_deviation_mm
     line = tuple((score, noise_um * score) for score in (min(scores), max(scores)))
     residuals = Series(left_by(solved), tuple(scores), left_um)
     return Chart(

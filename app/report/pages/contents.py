@@ -367,7 +367,7 @@ def _missing(diagnosed: SessionDiagnosis) -> Section:
     return Section(
         "What is missing from the model",
         [
-            gap_text(diagnosis),
+            gap_text(diagnosed),
             effects_text(diagnosis.effects, tower_names(diagnosed.sessions[0].opened.machine)),
             *_evidence(diagnosis),
             Picture(residuals, "Mean residual of each posture; grey: twice its noise."),

@@ -32,14 +32,16 @@ from calib.posterior.tool import Frame
 class GapNoise(Report):
     """Of a single reading."""
 
-    of = Source[Diagnosis]()
+    of = Source[SessionDiagnosis]()
     standard_deviation_mm: float | None = of(
-        lambda r: r.known_noise_mm, "null: no repeats and none stated, so no p-value means anything"
+        lambda r: r.noise.standard_deviation_mm if r.noise else None,
+        "null: no repeats and none stated, so no p-value means anything",
     )
     degrees_of_freedom: float | None = of(
-        lambda r: finite(r.noise_df), "null: stated, taken as known"
+        lambda r: finite(r.noise.degrees_of_freedom) if r.noise else 0.0,
+        "null: stated, taken as known",
     )
-    source: str = of(lambda r: r.noise_source)
+    source: str = of(lambda r: r.noise.source if r.noise else "residuals")
 
 
 class SeparationEntry(Report):
@@ -97,7 +99,7 @@ class DiagnosisReport(Report):
     schema_id: Literal["glidecal.diagnosis/2"] = schema("glidecal.diagnosis/2")
     sessions: tuple[str, ...] = of(lambda r: r.diagnosed.names)
     held_out: tuple[str, ...] = of(lambda r: r.diagnosed.held_out)
-    noise: GapNoise = of(lambda r: GapNoise.of(r.diagnosis))
+    noise: GapNoise = of(lambda r: GapNoise.of(r.diagnosed))
     verdict: Verdict = of(lambda r: r.diagnosis.verdict)
     sentence: str = of(lambda r: r.diagnosis.sentence)
     missing: float = of(lambda r: r.diagnosis.missing, "probability that anything is missing")

@@ -265,7 +265,7 @@ class SolutionReport(Report):
     rms_before_mm: float = of(lambda r: r.solution.rms_before_mm, "over all differences")
     rms_after_mm: float = of(lambda r: r.solution.rms_after_mm, "over all differences")
     degrees_of_freedom: int = of(lambda r: r.solution.degrees_of_freedom)
-    noise: ReadingNoise = of(lambda r: ReadingNoise.of(r.solution.noise))
+    noise: ReadingNoise = of(lambda r: ReadingNoise.of(r.solved.noise))
     display_step_found_mm: float | None = of(
         lambda r: r.solved.display_found_mm,
         "step of the display as the values show it, if it is not stated; null: they show none",

@@ -95,7 +95,7 @@ def gauge_word(solved: SessionSolution) -> str:
 
 def _of_noise(solved: SessionSolution) -> Iterator[str]:
     """No noise at all, indicators with more of it, drift."""
-    noise = solved.solution.noise
+    noise = solved.noise
     if noise.standard_deviation_mm < LEAST_NOISE_MM:
         yield (
             f"WARNING: these {taken_word(solved)}s show no noise, so the uncertainties are only "
@@ -189,7 +189,7 @@ def _of_the_measurement(solved: SessionSolution) -> Iterator[str]:
     """Repeats that show no scatter, readings without a movement between, legs not touched."""
     # repeats that agree to the last digit tell only that the noise is below the display's step
     step_mm = indicator_figures(solved.sessions).display_mm
-    if solved.solution.noise.repeated == "equal" and step_mm:
+    if solved.noise.repeated == "equal" and step_mm:
         yield (
             f"NOTE: all repeats agree to the last digit, {step_mm:g} mm. They do not show how much "
             f"the {taken_word(solved)}s scatter, and more of them would not make the result better."

@@ -113,7 +113,7 @@ def diagnosis_text(diagnosed: SessionDiagnosis, adopted: AdoptedTool | None = No
     return paragraphs(
         headline(diagnosis),
         open_text(diagnosis),
-        gap_text(diagnosis),
+        gap_text(diagnosed),
         effects_text(diagnosis.effects, tower_names(diagnosed.sessions[0].opened.machine)),
         _pattern(diagnosed),
         *_support(diagnosed),
@@ -136,7 +136,7 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
         open_text(diagnosis),
         effects_text(diagnosis.effects, tower_names(diagnosed.sessions[0].opened.machine)),
         tool_text(diagnosed.tool),
-        gap_text(diagnosis),
+        gap_text(diagnosed),
         _pattern(diagnosed),
         *_support(diagnosed, " {diagnose.next} writes it."),
         *_detectable(diagnosis),
@@ -247,17 +247,19 @@ def _pattern(diagnosed: SessionDiagnosis) -> list[str]:
     return [wrapped(sentence), *pairs]
 
 
-def gap_text(diagnosis: Diagnosis) -> str:
+def gap_text(diagnosed: SessionDiagnosis) -> str:
     """The gap in the readings and its chance, before and after what was named or guessed."""
-    before, after, noise_mm = diagnosis.gap_before, diagnosis.gap_after, diagnosis.known_noise_mm
-    if noise_mm is None:
+    diagnosis, noise = diagnosed.diagnosis, diagnosed.noise
+    before, after = diagnosis.gap_before, diagnosis.gap_after
+    if noise is None:
         return (
             f"Gap {before.rms_mm:.4f} mm r.m.s., {freedom_words(before)}; "
             "without repeats or a stated noise it may be chance."
         )
+    noise_words = uncertain(noise.standard_deviation_mm, 4)
     sentence = (
         f"Gap {before.rms_mm:.4f} mm r.m.s. beyond the scatter of repeats (noise of a reading "
-        f"{noise_mm:.4f} mm), {freedom_words(before)}; it {by_chance(before.p_value)}."
+        f"{noise_words} mm), {freedom_words(before)}; it {by_chance(before.p_value)}."
     )
     if after != before:
         added = "what was named" if diagnosis.effects else "the best guess"

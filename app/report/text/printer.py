@@ -93,7 +93,7 @@ def _travel_table(change: PrinterChange) -> Table:
 
 def change_answers(solved: SessionSolution, change: PrinterChange) -> Iterator[str]:
     """Does it repeat; is it the probe or the geometry; how good can it get."""
-    noise, uneven = solved.solution.noise, change.uneven_mm
+    noise, uneven = solved.noise, change.uneven_mm
     scatter_mm, free = noise.scatter_of_repeats if noise.source == "repeats" else (None, 0.0)
     probe_limits = bool(uneven and scatter_mm and uneven.now < BEYOND_NOISE * scatter_mm)
     if not change.helps and not probe_limits:

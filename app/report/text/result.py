@@ -241,7 +241,7 @@ def subset_table(solved: SessionSolution) -> Table:
 
 def noise_words(solved: SessionSolution) -> str:
     """Where the noise figure comes from, and the parameters known least independently."""
-    solution, noise = solved.solution, solved.solution.noise
+    solution, noise = solved.solution, solved.noise
     mean = "" if noise.pooled else f" r.m.s. over the {gauge_word(solved)}s"
     value, first, second = solution.strongest_correlation or (0.0, "", "")
     value_words = signed(value, 2)
@@ -272,7 +272,7 @@ def _display_words(step_mm: float | None) -> str:
 
 
 def _source_words(solved: SessionSolution) -> str:
-    noise = solved.solution.noise
+    noise = solved.noise
     free = noise.degrees_of_freedom
     degrees = "" if math.isinf(free) else f", {free_words(free)}"
     if noise.source == "repeats":

@@ -10,6 +10,7 @@ import pytest
 from calib.arrays import Observations, observe
 from calib.diagnosis.results import Diagnosis
 from calib.noise.reading import IndicatorFigures
+from calib.posterior.cells import Cells
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.bars import BarGrowth
 from calib.tripod.effects.drives import ActuatorCyclic, ScrewGrowth
@@ -129,12 +130,11 @@ def test_an_effect_out_of_the_catalogue_is_not_given_a_name_with_confidence() ->
 
 def test_without_repeats_and_noise_nothing_is_judged() -> None:
     first = SWEEP.take(np.unique(SWEEP.displacement_mm * 10 + SWEEP.mount, return_index=True)[1])
-    diagnosis = diagnose(
-        [case(first, EffectInstance(LAWS["axis_squareness"], "xy", (1.0,)))], CATALOGUE
-    )
+    session = case(first, EffectInstance(LAWS["axis_squareness"], "xy", (1.0,)))
+    diagnosis = diagnose([session], CATALOGUE)
     assert diagnosis.verdict == "cannot-tell"
     assert diagnosis.effects == ()
-    assert diagnosis.known_noise_mm is None
+    assert Cells.of(session).noise is None
     assert (diagnosis.smallest_detectable, diagnosis.not_shown) == ((), ())
 
 

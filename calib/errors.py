@@ -20,6 +20,7 @@ import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from numbers import Integral, Real
 from typing import get_args
 
 from calib.printable import printable
@@ -101,6 +102,22 @@ def check_choice(option: str, word: str | None, words: object) -> None:
     """Raises UsageError for a word that is none of a Literal."""
     if word is not None and word not in get_args(words):
         raise UsageError(option, repr(word), ", ".join(get_args(words)))
+
+
+def check_number(
+    thing: str, value: object, least: float, most: float, unit: str = "", allowed: str = ""
+) -> None:
+    """Raises UsageError for what is no number from ``least`` to ``most``, both finite.
+
+    ``allowed`` says so in other words. Where ``least`` is an integer, so must the value be.
+    """
+    kind = Integral if isinstance(least, int) else Real
+    is_number = isinstance(value, kind) and not isinstance(value, bool)
+    if not is_number or not least <= value <= most:  # type: ignore[operator]  # nor NaN
+        kind_words = "a whole number" if kind is Integral else "a number"
+        words = allowed or f"{kind_words} from {least:g} to {most:g} {unit}".rstrip()
+        shown = f"{value:g} {unit}".rstrip() if isinstance(value, float) else f"{value!r}"
+        raise UsageError(thing, shown, words)
 
 
 class IndicatorError(GlidecalError):

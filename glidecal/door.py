@@ -6,14 +6,15 @@ What is worth knowing beside a result is given as a Python warning. Every functi
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from calib.errors import GlidecalError
+from calib.errors import GlidecalError, UsageError
 from protocols.machine import Machine
 from protocols.session import Session
 
@@ -55,11 +56,14 @@ def load(path: File, machine: File | None = None) -> Session:
     from protocols.session import fold
     from protocols.table import is_table, opened_table
 
-    if is_table(Path(path)):
-        opened, events, unknown = opened_table(Path(path), load_machine(machine), program())
+    file = _path("session", path)
+    if is_table(file):
+        opened, events, unknown = opened_table(file, load_machine(machine), program())
         _warn([f"columns kept but not used: {', '.join(unknown)}"] if unknown else [])
         return fold([opened, *events])
-    (session,), remarks = load_sessions([Path(path)])
+    if machine is not None:
+        raise UsageError("machine", f"{machine}, beside a record", "None: a record has its machine")
+    (session,), remarks = load_sessions([file])
     _warn(remarks)
     return session
 
@@ -82,7 +86,7 @@ def solve(
     from protocols.model_file import read_model_file
 
     loaded = _given(sessions)
-    model_file = read_model_file(Path(model)) if model else None
+    model_file = read_model_file(_path("model", model)) if model else None
     return solve_sessions(loaded, subset=subset, method=method, model=model_file, frame=frame)
 
 
@@ -95,8 +99,8 @@ def diagnose(
     from app.evaluating.diagnosis import diagnose_sessions
 
     loaded = _given(sessions)
-    model_path = Path(model) if model else None
-    diagnosed = diagnose_sessions(loaded, model=model_path, held_out=_given(held_out))
+    model_path = _path("model", model) if model else None
+    diagnosed = diagnose_sessions(loaded, model=model_path, held_out=_given(_listed(held_out)))
     _warn(diagnosed.warnings)
     return diagnosed
 
@@ -117,8 +121,8 @@ def what_if(
     from protocols.model_file import read_model_file
 
     loaded = _given(sessions)
-    values = [size] if isinstance(size, int | float) else list(size)
-    model_file = read_model_file(Path(model)) if model else None
+    values = list(size) if isinstance(size, Iterable) and not isinstance(size, str) else [size]
+    model_file = read_model_file(_path("model", model)) if model else None
     return evaluated(loaded, effect, values, subset, model_file)
 
 
@@ -143,7 +147,7 @@ def simulate(
     return simulated_of_files(
         None if procedure is None else str(procedure),
         machine,
-        Path(model) if model else None,
+        _path("model", model) if model else None,
         effect=effect,
         size=size,
         seed=seed,
@@ -167,7 +171,7 @@ def plan(
     from app.planning.tripod import next_measurement
 
     loaded = _given(sessions)
-    model_path = Path(model) if model else None
+    model_path = _path("model", model) if model else None
     return next_measurement(
         loaded,
         machine_file=machine,
@@ -202,19 +206,21 @@ def report(
 
     With the file of a ``certificate`` it is one; .xml is a digital one.
     """
+    from app.evaluating.tolerance import check_tolerance
     from app.report.certificate import read_head
     from app.report.pages.report import source_of_legs, write_report
 
-    head = read_head(Path(certificate)) if certificate else None
+    check_tolerance(tolerance_mm)
+    head = read_head(_path("certificate", certificate)) if certificate else None
     source = partial(
         source_of_legs,
-        [Path(path) for path in sessions],
-        model=Path(model) if model else None,
-        after=Path(after) if after else None,
+        [_path("session", path) for path in sessions],
+        model=_path("model", model) if model else None,
+        after=_path("session after", after) if after else None,
         tolerance_mm=tolerance_mm,
         head=head,
     )
-    return write_report(source, Path(output), head, replace=replace)
+    return write_report(source, _path("output", output), head, replace=replace)
 
 
 def _given(sessions: Iterable[File | Session]) -> list[Session]:
@@ -229,11 +235,24 @@ def _given(sessions: Iterable[File | Session]) -> list[Session]:
         if isinstance(file, Session):
             loaded.append((f"session {number}", file))
             continue
-        (session,), remarks = load_sessions([Path(file)])
+        (session,), remarks = load_sessions([_path(f"session {number}", file)])
         _warn(remarks)
         loaded.append((session.name, session))
     refuse_twice(loaded)
     return sorted((replace(session, name=name) for name, session in loaded), key=measured_first)
+
+
+def _path(thing: str, file: object) -> Path:
+    """Raises UsageError for what is no path."""
+    if isinstance(file, str | os.PathLike) and not isinstance(path := os.fspath(file), bytes):
+        return Path(path)
+    raise UsageError(thing, f"a value of type {type(file).__name__}", "the path of a file")
+
+
+def _listed(files: object) -> Iterable[Any]:
+    """Several files or sessions, or a single one."""
+    several = isinstance(files, Iterable) and not isinstance(files, str)
+    return files if several else [files]  # type: ignore[return-value]
 
 
 def _warn(remarks: Iterable[str]) -> None:

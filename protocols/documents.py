@@ -157,8 +157,6 @@ def read_bytes(path: Path, what: str, most_bytes: int = MOST_BYTES) -> bytes:
             content = file.read(most_bytes + 1)
     except OSError as problem:
         raise unreadable(f"{what} {path}", problem) from problem
-    except ValueError as problem:
-        raise RecordError(f"{what} {path}", reason="a name that no file can have") from problem
     if len(content) > most_bytes:
         size, requirement = f"more than {most_bytes:,} bytes", f"a file up to {most_bytes:,} bytes"
         raise RecordError(f"{what} {path}", size, requirement)

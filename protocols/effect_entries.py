@@ -11,7 +11,8 @@ from pydantic import AwareDatetime, Field
 from calib.errors import UsageError
 from protocols.documents import Document, Name
 
-Value = Annotated[float, Field(ge=-1e9, le=1e9)]
+LARGEST_SIZE = 1e9
+Value = Annotated[float, Field(ge=-LARGEST_SIZE, le=LARGEST_SIZE)]
 
 
 class ParameterEntry(Document):

@@ -61,7 +61,10 @@ def open_to_write(path: Path, mode: Literal["x+b", "r+b"]) -> io.FileIO:
 
 def open_to_read(path: Path) -> io.FileIO:
     """A regular file; a pipe or a device is refused at once. Raises OSError."""
-    _check_regular(path.stat())
+    try:
+        _check_regular(path.stat())
+    except ValueError as problem:
+        raise OSError(errno.EINVAL, "a name that no file can have") from problem
     file = io.FileIO(path, "rb", opener=_opener(0))
     try:
         _check_regular(os.fstat(file.fileno()))

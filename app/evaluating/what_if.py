@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from app.evaluating.correction import case_of
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_sessions
-from calib.errors import NotIdentifiable, UsageError
+from calib.errors import NotIdentifiable, UsageError, check_number
 from calib.identify.identify import IdentificationCase, identify
 from calib.identify.solution import FittedSize, Solution, Subset
 from calib.posterior.tool import FREE_IN, Frame
@@ -20,7 +20,7 @@ from calib.tripod.effects.candidates import Candidate, candidates
 from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
-from protocols.effect_entries import EffectEntry, ParameterEntry
+from protocols.effect_entries import LARGEST_SIZE, EffectEntry, ParameterEntry
 from protocols.model_file import ModelFile, effect_entry, placed_effects, sizes_of, to_model
 from protocols.observations import indicator_figures, to_observations
 from protocols.session import Session
@@ -250,7 +250,7 @@ def what_if(
         raise NotIdentifiable("sessions", "none", "at least one session")
     beside = model or ModelFile(machine=sessions[0].opened.machine)
     entries = [*beside.effects, *_of_the_catalogue(sessions)]
-    effect_id, _, where = effect.partition(":")
+    effect_id, _, where = f"{effect}".partition(":")
     of_it = [entry for entry in entries if entry.id == effect_id]
     fitting = [entry for entry in of_it if entry.where == where]
     if not fitting:
@@ -261,6 +261,10 @@ def what_if(
         numbers = " or ".join(sorted({str(len(entry.parameters)) for entry in fitting}))
         raise UsageError(f"values of {effect}", f"{len(values)}", numbers)
     trial = trial_of(Choice(chosen, "undiagnosed"), sessions, beside, subset)
+    for parameter, value in zip(trial.parameters, values, strict=True):
+        most = min(parameter.limit, LARGEST_SIZE)
+        least = max(-most, parameter.least)
+        check_number(f"size of {effect}, {parameter.name}", value, least, most, parameter.unit)
     outcome = trial.at(values)
     outcome.work_out_all()  # what cannot be worked out is said here
     return outcome

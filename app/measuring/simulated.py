@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +11,8 @@ from pathlib import Path
 from app.evaluating.own_effects import known_effects
 from app.measuring.indicators import SIMULATED
 from app.version import program
-from calib.arrays import TOOL, Conditions, Observations, descending
-from calib.errors import RecordError, UsageError
+from calib.arrays import Conditions, Observations, descending
+from calib.errors import RecordError, UsageError, check_number
 from calib.tripod.effects import BESIDE_CATALOGUE
 from calib.tripod.effects.candidates import candidates, single_places
 from calib.tripod.effects.effect import EffectInstance
@@ -19,6 +20,8 @@ from calib.tripod.effects.hidden import hidden_among
 from calib.tripod.pipeline import Model, StageEffect, measure
 from calib.tripod.planning import excursion_mm
 from drivers.profile import LARGEST_MM
+from protocols.documents import LEAST_FIGURE_MM
+from protocols.effect_entries import LARGEST_SIZE
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.model_file import OF_MODELS, read_model
 from protocols.observations import to_observations
@@ -47,7 +50,7 @@ def hidden_effect(
 
     Raises UsageError where it is not known, or these readings cannot show it.
     """
-    effect_id, _, where = wanted.partition(":")
+    effect_id, _, where = f"{wanted}".partition(":")
     effects = (*known_effects(), *BESIDE_CATALOGUE, *OF_MODELS)
     if effect_id not in {effect.id for effect in effects}:
         raise UsageError("effect", repr(effect_id), ", ".join(dict.fromkeys(x.id for x in effects)))
@@ -57,7 +60,7 @@ def hidden_effect(
         if c.id == effect_id and "," not in c.where
     ]
     if not of_it:
-        raise _not_seen(effect_id, conditions)
+        raise _not_seen(effect_id)
     here = [c for c in of_it if where in ("", c.where)]
     if not here:  # one direction across a drive, which has a place in a model file, too
         laws = [effect for effect in effects if effect.id == effect_id]
@@ -68,16 +71,16 @@ def hidden_effect(
         raise UsageError(f"place of effect {effect_id}", repr(where), places)
     effect_hidden = hidden_among(here, truth, conditions, seed=seed, noise_mm=noise_mm, size=size)
     if not effect_hidden:
-        raise _not_seen(wanted, conditions)
+        raise _not_seen(wanted, " Or state its size with --size.")
     return effect_hidden
 
 
-def _not_seen(effect: str, conditions: Conditions) -> UsageError:
+def _not_seen(effect: str, or_size: str = "") -> UsageError:
     return UsageError(
         f"effect {effect}",
         "nothing to see of it beside offsets and lengths with this procedure",
-        "a procedure that shows it",
-        "Give --size." if TOOL in conditions.leg else "Try --protocol two-station, or give --size.",
+        "a procedure and a machine that show it",
+        f"Try another procedure (--protocol), or a machine that is off (--model).{or_size}",
     )
 
 
@@ -99,6 +102,8 @@ class BenchSettings:
 
 
 EXACT_DECIMALS = 15
+LARGEST_FIGURE_MM = 10.0
+"""Of scatter and resolution of what is simulated."""
 
 
 def simulated_session(
@@ -166,6 +171,13 @@ def simulated_of_files(
     An ``effect`` (id, or id:where) of this ``size`` is hidden in the machine. Raises UsageError and
     RecordError.
     """
+    for option, value in (("--scatter", scatter_mm), ("--resolution", resolution_mm)):
+        check_number(option, value, 0.0, LARGEST_FIGURE_MM, "mm")
+    if 0.0 < resolution_mm < LEAST_FIGURE_MM:
+        raise UsageError("--resolution", f"{resolution_mm:g} mm", f"0, or {LEAST_FIGURE_MM:g} mm")
+    check_number("--seed", seed, 0, sys.maxsize)
+    if size is not None:
+        check_number("--size", size, -LARGEST_SIZE, LARGEST_SIZE)
     if size is not None and effect is None:
         raise UsageError("--size", "no --effect", "the size of an effect: both options, or none")
     if model and machine:

@@ -14,7 +14,7 @@ from app.measuring.simulated import planned_readings, simulated_session
 from calib.arrays import LEG_NAMES
 from calib.diagnosis.aliases import alias_map as compare
 from calib.diagnosis.results import AliasMap
-from calib.errors import ImpossibleRequest, UsageError, check_choice
+from calib.errors import ImpossibleRequest, UsageError, check_choice, check_number
 from calib.noise.reading import IndicatorFigures, Noise
 from calib.posterior.correction import Holds, correction
 from calib.posterior.expected import ExpectedResult, expected_of
@@ -27,6 +27,7 @@ from calib.tripod.optimum import Orders
 from calib.tripod.pipeline import Model
 from calib.tripod.planning import TripodPlanning
 from protocols.data_table import DataTable, Tabled
+from protocols.documents import LEAST_FIGURE_MM
 from protocols.files import Written, unused_path
 from protocols.machine import Frame, Instrument, Machine, load_machine
 from protocols.model_file import free_effects, read_model, read_model_file
@@ -35,20 +36,24 @@ from protocols.observations import to_observations, worst_stated
 from protocols.procedure import Procedure, procedure_on
 from protocols.session import Session
 
+LARGEST_NOISE_MM = 10.0
 PROTOTYPE_NOISE_MM = 0.02
 """Repeatability of the papers' indicators; serves where nothing is stated."""
 
 
 def stated_noise(machine: Machine, noise_mm: float | None) -> tuple[Noise, str]:
-    """Noise of single readings and where it is from. Raises UsageError where it is not positive."""
+    """Noise of single readings and where it is from. Raises UsageError where it is no length."""
+    if noise_mm is not None:
+        allowed = f"a positive length in mm, up to {LARGEST_NOISE_MM:g}"
+        check_number("--noise", noise_mm, LEAST_FIGURE_MM, LARGEST_NOISE_MM, "mm", allowed)
     figures, words = IndicatorFigures(repeatability_mm=noise_mm), "as asked for"
     if noise_mm is None:
         figures, words = worst_stated(machine.indicator), "of the machine file's indicators"
         if figures.noise() is None:
             figures = IndicatorFigures(repeatability_mm=PROTOTYPE_NOISE_MM)
             words = "that of the papers' indicators"
-    noise = None if noise_mm is not None and noise_mm < 0.0 else figures.noise(2)
-    if noise is None:
+    noise = figures.noise(2)
+    if noise is None:  # so little that it is arithmetic
         raise UsageError("--noise", f"{noise_mm:g} mm", "a positive length in mm")
     return noise, f"{noise.standard_deviation_mm:.4g} mm, {words}"
 

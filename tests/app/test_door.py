@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,6 +17,7 @@ from tests.app.test_house import imported
 from tests.conftest import LONG, ROOT, SAMPLES
 
 SESSION = SAMPLES / "experiment_2_six.jsonl"
+OTHER = SAMPLES / "experiment_1_six.jsonl"
 
 
 def test_it_offers_eleven_names_at_most_and_each_is_there() -> None:
@@ -146,3 +149,51 @@ def test_the_report_is_written_from_python(tmp_path: Path) -> None:
     assert "Calibration report" in page.read_text("utf-8")
     with pytest.raises(glidecal.GlidecalError, match="there already"):
         glidecal.report(SESSION, output=page)
+
+
+NAN, INFINITE = float("nan"), float("inf")
+SAG = "gravity_sag:z"
+
+
+@pytest.mark.parametrize("number", [NAN, INFINITE, -INFINITE, "1", None, True, 1e300, 1j])
+def test_what_is_no_number_of_the_field_is_refused_by_its_name(number: float) -> None:
+    """Before: NaN gave an unreachable posture, an infinite noise a plan, None a TypeError."""
+    session = glidecal.load(SESSION)
+    wrong: dict[str, Callable[[], object]] = {
+        f"size of {SAG}": partial(glidecal.what_if, session, effect=SAG, size=number),
+        "--size": partial(glidecal.simulate, effect=SAG, size=number),
+        "--scatter": partial(glidecal.simulate, scatter_mm=number),
+        "--resolution": partial(glidecal.simulate, resolution_mm=number),
+        "--seed": partial(glidecal.simulate, seed=number),  # type: ignore[arg-type]
+        "--noise": partial(glidecal.plan, session, noise_mm=number),
+        "--tolerance": partial(glidecal.report, SESSION, output="r.html", tolerance_mm=number),
+    }
+    for thing, call in wrong.items():
+        if number is None and thing in ("--size", "--noise", "--tolerance"):
+            continue  # nothing is stated
+        with pytest.raises(glidecal.GlidecalError) as refusal:
+            call()
+        assert str(refusal.value).startswith(thing)
+        assert f"found {number!r}" in str(refusal.value)
+
+
+@pytest.mark.parametrize("file", [3, None, b"s.jsonl", [SESSION], "a\0b"])
+def test_what_is_no_file_is_refused(file: str) -> None:
+    calls = {
+        "session": (glidecal.load, glidecal.solve, glidecal.diagnose),
+        "output": (lambda name: glidecal.report(SESSION, output=name),),
+        "model": (lambda name: glidecal.solve(SESSION, model=name),),
+    }
+    for thing, doors in calls.items():
+        for door in doors if file is not None or thing != "model" else ():
+            with pytest.raises(
+                glidecal.GlidecalError, match=f"^{thing}|^--{thing}|a name that no file"
+            ):
+                door(file)
+
+
+def test_a_session_that_is_held_out_may_stand_alone() -> None:
+    alone, listed = (
+        glidecal.diagnose(SESSION, held_out=held_out) for held_out in (str(OTHER), [OTHER])
+    )
+    assert alone.held_out == listed.held_out == (OTHER.name,)

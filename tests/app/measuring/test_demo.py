@@ -72,7 +72,7 @@ def test_every_effect_shows_and_nothing_else_imitates_it(effect_id: str, protoco
 
 def test_a_length_is_hidden_by_its_size_alone(tmp_path: Path) -> None:
     arguments = ("simulate", "--effect", f"{LENGTH}:x", "-o", tmp_path / "s.jsonl")
-    assert "ive --size" in refused(2, *arguments)
+    assert "state its size with --size" in refused(2, *arguments)
     assert glidecal(*arguments, "--protocol", "two-station", "--size", "2").status == 0
     text = glidecal("diagnose", tmp_path / "s.jsonl").out
     assert LENGTH in text
@@ -200,3 +200,18 @@ def test_places_and_options_that_do_not_fit(tmp_path: Path) -> None:
             seed=1,
             noise_mm=NOISE_MM,
         )
+
+
+def test_a_size_is_not_advised_where_none_would_show(tmp_path: Path) -> None:
+    """On a machine without errors readings hardly change, and their gain does nothing.
+
+    Before: --size was advised, also to who had stated it, and --protocol two-station in vain.
+    """
+    out, model = tmp_path / "s.jsonl", tmp_path / "model.json"
+    effect = ("--effect", "gauge_gain", "--size", "5")
+    message = refused(2, "simulate", *effect, "-o", out)
+    assert "effect gauge_gain: found nothing to see of it" in message
+    assert "--size" not in message
+    assert "or a machine that is off (--model)" in message
+    model.write_text('{"parameters_mm": {"d_rho_x": 1.0}}')
+    assert glidecal("simulate", "--model", model, *effect, "-o", out).status == 0

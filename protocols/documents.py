@@ -121,6 +121,15 @@ def read_json(path: Path, kind: type[D], what: str, requirement: str, next_step:
         ) from problem
 
 
+def refuse_empty(document: Document, thing: str, allowed: str, next_step: str) -> None:
+    """Raises RecordError for a file that states nothing, or nothing but its schema.
+
+    A forgotten or cut file would pass for the machine of the papers.
+    """
+    if not document.model_fields_set - {"schema_id"}:
+        raise RecordError(thing, "no key but schema", allowed, next_step)
+
+
 def read_remembered(path: Path, kind: type[D], what: str) -> D:
     """What the program remembers in a JSON file of its own; ``kind()`` where there is none yet.
 

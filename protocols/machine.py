@@ -30,6 +30,7 @@ from protocols.documents import (
     Words,
     read_text,
     read_toml,
+    refuse_empty,
     with_serial_number,
 )
 from protocols.machine_files import MACHINES, SCHEMA, USUAL_MACHINE, machine_names, schema_of
@@ -357,6 +358,7 @@ class Machine(Document):
 def machine_text(machine: Machine, comments: Iterable[str]) -> str:
     """The machine file below ``comments``, a line each; defaults are left out."""
     content = machine.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    content = {"name": machine.name, **content}
     lines = [*(f"# {line}".rstrip() for line in comments), f'schema = "{machine.schema_id}"']
     tables: list[tuple[str, dict[str, Any]]] = []
     for key, value in content.items():
@@ -393,7 +395,7 @@ def load_machine(name_or_path: Path | str | None) -> Machine:
         choices = f"{', '.join(machine_names())}, or the path of a machine file"
         raise UsageError("machine", repr(name), choices)
     try:
-        return read_toml(path, Machine, "machine file")
+        machine = read_toml(path, Machine, "machine file")
     except RecordError as problem:
         schema = schema_of(read_text(path, "machine file"))
         if not schema.startswith("glidecal.") or schema == SCHEMA:
@@ -401,3 +403,10 @@ def load_machine(name_or_path: Path | str | None) -> Machine:
         raise RecordError(
             f"machine file {path}", f"schema {schema}, another kind of machine", SCHEMA
         ) from problem
+    refuse_empty(
+        machine,
+        f"machine file {path}",
+        "at least the name of the machine, and what differs from the machine of the papers",
+        f"Copy {MACHINES / USUAL_MACHINE}.toml, or name {USUAL_MACHINE} in place of the file.",
+    )
+    return machine

@@ -27,6 +27,7 @@ from protocols.documents import (
     LengthMm,
     Name,
     read_json,
+    refuse_empty,
 )
 from protocols.effect_entries import EffectEntry, HistoryEntry, ParameterEntry, Provenance
 from protocols.files import open_to_read, unreadable
@@ -219,7 +220,14 @@ def is_model(path: Path) -> bool:
 
 def read_model_file(path: Path) -> ModelFile:
     """A model file as it stands. Raises RecordError naming the file and the fault."""
-    return read_json(path, ModelFile, "model", "schema glidecal.model/1")
+    model = read_json(path, ModelFile, "model", "schema glidecal.model/1")
+    refuse_empty(
+        model,
+        f"model {path}",
+        "a machine, parameters_mm or effects",
+        "Write it again with glidecal export --format model, or leave it out.",
+    )
+    return model
 
 
 def read_model(path: Path, effects: Sequence[Effect] = CATALOGUE) -> tuple[Model, Machine]:

@@ -11,7 +11,7 @@ from calib.errors import RecordError
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
 from protocols.documents import Document, Name, read_remembered
-from protocols.machine import Machine, load_machine
+from protocols.machine import Machine, load_machine, machine_text
 from protocols.model_file import model_file, read_model
 
 
@@ -43,6 +43,25 @@ def test_bad_machine_files(tmp_path: Path, text: str, message: str) -> None:
     path.write_text(text)
     with pytest.raises(RecordError, match=message):
         load_machine(path)
+
+
+@pytest.mark.parametrize("text", ["", "# to do\n", 'schema = "glidecal.machine/1"\n'])
+def test_a_machine_file_that_states_nothing_is_no_machine(tmp_path: Path, text: str) -> None:
+    """Before: it was the machine of the papers."""
+    path = tmp_path / "m.toml"
+    path.write_text(text)
+    with pytest.raises(RecordError, match=r"m\.toml: found no key but schema\. Allowed: at least"):
+        load_machine(path)
+    path.write_text(machine_text(Machine(), ()))
+    assert load_machine(path) == Machine()
+
+
+@pytest.mark.parametrize("text", ["{}", '{"schema": "glidecal.model/1"}'])
+def test_a_model_that_states_nothing_is_none(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "m.json"
+    path.write_text(text)
+    with pytest.raises(RecordError, match=r"m\.json: found no key but schema\. Allowed: a machine"):
+        read_model(path)
 
 
 def test_missing_machine_file(tmp_path: Path) -> None:

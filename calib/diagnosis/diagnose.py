@@ -374,7 +374,7 @@ class _Report:
         if not self.before.freedom:
             yield "offsets and zeros can explain all that these postures show: measure others too"
         elif self.before.noise_freedom <= 0.0:
-            yield "no repeats and no stated noise: nothing can be judged against chance"
+            yield "no scatter of repeats and no stated noise: nothing can be judged against chance"
         yield from self._still()
         if self.answer.verdict == "unexplained":
             yield "either the effect is not in the catalogue, or the repeats are not independent"

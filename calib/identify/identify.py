@@ -59,6 +59,7 @@ from calib.noise.reading import (
     reading_weights,
     visits,
 )
+from calib.noise.repeats import Repeats
 from calib.stats import coverage_factors
 from calib.tripod.differences import Differences, differences
 from calib.tripod.geometry import PARAMETER_NAMES
@@ -306,7 +307,9 @@ def _noise_from_residuals(visited: Observations, efficient: Fit) -> Noise:
     )
     variance = float((visited.averaged * residual_mm**2).sum()) / remaining
     indicator_noise = IndicatorNoise(variance, 0.0, float(remaining))
-    return Noise((indicator_noise,) * visited.indicator_count, "residuals")
+    repeats = Repeats.of(visited).degrees_of_freedom.sum() > 0.0  # then they all agree
+    indicators = (indicator_noise,) * visited.indicator_count
+    return Noise(indicators, "residuals", repeated="equal" if repeats else "nothing")
 
 
 def _rms(values_mm: FloatArray) -> float:

@@ -129,7 +129,9 @@ def alignment(
     noise = reading_noise(visited, indicator)
     if noise is None:
         raise NotIdentifiable(
-            "alignment", "no repeats and no stated noise", "repeats, as procedures with cycles have"
+            "alignment",
+            "no scatter of repeats and no stated noise",
+            "repeats, as procedures with cycles have",
         )
     root = np.sqrt(reading_weights(visited, noise))
     limits = [LEAN_TOLERANCE_MRAD] * 3 + [DISTANCE_TOLERANCE_MM] * 3

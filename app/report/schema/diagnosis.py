@@ -35,7 +35,7 @@ class GapNoise(Report):
     of = Source[SessionDiagnosis]()
     standard_deviation_mm: float | None = of(
         lambda r: r.noise.standard_deviation_mm if r.noise else None,
-        "null: no repeats and none stated, so no p-value means anything",
+        "null: repeats tell none and none is stated, so no p-value means anything",
     )
     degrees_of_freedom: float | None = of(
         lambda r: finite(r.noise.degrees_of_freedom) if r.noise else 0.0,

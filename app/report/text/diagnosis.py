@@ -254,7 +254,7 @@ def gap_text(diagnosed: SessionDiagnosis) -> str:
     if noise is None:
         return (
             f"Gap {before.rms_mm:.4f} mm r.m.s., {freedom_words(before)}; "
-            "without repeats or a stated noise it may be chance."
+            "without a scatter of repeats or a stated noise it may be chance."
         )
     noise_words = uncertain(noise.standard_deviation_mm, 4)
     sentence = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from app.report.text.tables import paragraphs
 from calib.identify.solution import SUBSETS
 from protocols.record import read_record
 from tests.app.cli import glidecal, refused
-from tests.conftest import LONG
+from tests.conftest import LONG, ROOT
 
 
 def test_another_set_comes_from_the_choice_and_tells_what_a_solution_of_its_own_tells(
@@ -101,6 +102,25 @@ def test_a_tolerance_is_a_positive_length(samples: Path) -> None:
     for wrong in ("0", "-1"):
         message = refused(2, "solve", samples / "experiment_2_twelve.jsonl", f"--tolerance={wrong}")
         assert f"found {wrong} mm. Allowed: a positive length in mm" in " ".join(message.split())
+
+
+@pytest.mark.parametrize(("protocol", "repeats"), [("zero-max-min", True), ("one.toml", False)])
+def test_repeats_that_all_agree_are_repeats(tmp_path: Path, protocol: str, repeats: bool) -> None:
+    """A simulation without scatter and display. Before: it had "no repeats" in three cycles."""
+    shipped = (ROOT / "protocols" / "procedures" / "zero-max-min.toml").read_text(encoding="utf-8")
+    once = re.sub(r"(?m)^cycles = \d+", "cycles = 1", shipped)
+    (tmp_path / "one.toml").write_text(once, encoding="utf-8")
+    session, quiet = tmp_path / "s.jsonl", ("--scatter", "0", "--resolution", "0")
+    run = glidecal("simulate", "--protocol", protocol, *quiet, "-o", session, cwd=tmp_path)
+    assert run.status == 0, run.err
+    solution = json.loads(glidecal("solve", session, "--json").out)
+    assert solution["noise"]["repeats_show"] == ("equal" if repeats else "nothing")
+    text = " ".join(glidecal("solve", session).out.split())
+    assert ("NOTE: all repeats read the same, and there are no stated" in text) is repeats
+    assert ("NOTE: there are no repeats, and there are no stated" in text) is not repeats
+    text = " ".join(glidecal("diagnose", session).out.split())
+    assert "Remark: no scatter of repeats and no stated noise" in text
+    assert "no repeats" not in text
 
 
 def test_all_documents_state_one_noise(samples: Path) -> None:

@@ -337,14 +337,10 @@ class LineParameter:
 
     id: Annotated[str, Quantity("line of a drive", words="a law that docs/effects.md describes")]
     place: Annotated[str, Quantity("at", words="the drive, and the way across it")]
-    value: Annotated[
-        float, Quantity("value", kind="signed", decimals=4, words="in the unit, as in a model")
-    ]
+    value: Annotated[float, Quantity("value", kind="measured", words="in the unit, as in a model")]
     expanded_uncertainty: Annotated[
         float,
-        Quantity(
-            "± U (k = 2)", kind="uncertainty", decimals=3, words="expanded uncertainty, k = 2"
-        ),
+        Quantity("± U (k = 2)", kind="uncertainty", words="expanded uncertainty, k = 2"),
     ]
     tolerance: Annotated[
         float,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from app.evaluating.solution import LineParameter
 from app.report.text.tables import hanging, new_table, paragraphs, wrapped
+from protocols.data_table import DataTable
 
 NAME = "simulated_zero-max-min-plane-of-the-second-of-june.jsonl"
 
@@ -32,3 +34,13 @@ def test_an_id_takes_the_room_of_the_key_in_its_place() -> None:
     text = wrapped(f"{words} {words}")
     assert text.count("\n") == 1
     assert text.replace("\n", " ") == f"{words} {words}"
+
+
+def test_lines_of_drives_have_the_digits_of_their_uncertainty() -> None:
+    """Two digits of U (GUM 7.2.6), and the value as many decimals. Before: four decimals always."""
+    lines = [
+        LineParameter("axis_offset", "xr", 0.10222, 0.34719, 0.4, "mm"),
+        LineParameter("axis_lean", "yt", -0.0012345, 0.00004567, 1.0, "mrad"),
+    ]
+    shown = [row[2:4] for row in DataTable.of(LineParameter, lines).shown_rows()]
+    assert shown == [("+0.10", "0.35"), ("-0.001234", "0.000046")]

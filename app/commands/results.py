@@ -227,7 +227,7 @@ def export(
     if format_name not in FORMATS:
         read_bytes(sources[0], "file")  # a file that is not there is no question of its format
         raise UsageError("--format", f"{format_name} of {sources[0]}", ", ".join(FORMATS))
-    _check_joints(home_offset, endstops, ini, format_name)
+    _check_joints(home_offset, endstops, ini, steps, format_name)
     force = may_deliver(output, force=force, several=format_name in IN_FOLDERS)
     offsets = offsets_from_files(sources, subset, method, model, frame)
     machine = offsets.machine.holding_steps(_triple("--steps", steps))
@@ -247,14 +247,28 @@ def export(
     deliver(output, exported.files, force=force)
 
 
+OF_FIRMWARE = ("klipper", "reprapfirmware", "marlin", "smoothieware")
+"""Formats whose files state the travel of towers."""
+
+
 def _check_joints(
-    home_offset: str | None, endstops: str | None, ini: Path | None, format_name: str
+    home_offset: str | None,
+    endstops: str | None,
+    ini: Path | None,
+    steps: str | None,
+    format_name: str,
 ) -> None:
     """Raises UsageError for what the joints hold, where it is said twice or for no format."""
-    if sum(option is not None for option in (home_offset, endstops, ini)) > 1:
+    present = {"--home-offset": home_offset, "--endstops": endstops, "--ini": ini}
+    stated = [option for option, value in present.items() if value is not None]
+    if len(stated) > 1:
         raise UsageError("--home-offset, --endstops and --ini", "more than one", "one of them")
-    if ini and format_name in ("klipper", "reprapfirmware", "marlin", "smoothieware", "p-3z"):
+    if stated and format_name in ("json", "csv", "model"):
+        raise UsageError(stated[0], f"--format {format_name}", "a format of a controller")
+    if ini and format_name in (*OF_FIRMWARE, "p-3z"):
         raise UsageError("--ini", f"--format {format_name}", "a LinuxCNC format, or --endstops")
+    if steps is not None and format_name not in OF_FIRMWARE:
+        raise UsageError("--steps", f"--format {format_name}", ", ".join(OF_FIRMWARE))
 
 
 def _only(sources: Sequence[Path], what: str) -> Path:

@@ -182,7 +182,8 @@ def read_history(
     """
     ends_s = None if within_s is None else time.monotonic() + within_s
     if not folder.is_dir():
-        raise RecordError(f"folder {folder}", reason="no such folder")
+        reason = "a file. Name the folder that it is in" if folder.exists() else "no such folder"
+        raise RecordError(f"folder {folder}", reason=reason)
     paths = sorted(folder.rglob("*.jsonl"), key=lambda path: (len(path.parts), path))
     if not paths:
         raise RecordError(

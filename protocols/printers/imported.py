@@ -164,6 +164,7 @@ def _held(paths: Sequence[Path]) -> Held:
     Raises RecordError naming the file that the dialect of the first one does not know.
     """
     texts = [(path, read_printed(path, WHAT)) for path in paths]
+    _refuse_twice(texts)
     knowing = [[dialect.is_mine(text) for _, text in texts] for dialect in DIALECTS]
     best = max(range(len(DIALECTS)), key=lambda k: sum(knowing[k]))
     strange = [path for path, mine in zip(paths, knowing[best], strict=True) if not mine]
@@ -176,6 +177,16 @@ def _held(paths: Sequence[Path]) -> Held:
             "(RepRapFirmware), M503 with G30 or G33 (Marlin), M205 with G29 (Repetier).",
         )
     return DIALECTS[best].held(texts)
+
+
+def _refuse_twice(texts: Texts) -> None:
+    """Raises RecordError for one text in two files: its contacts would count twice."""
+    path_by_text: dict[str, Path] = {}
+    for path, text in texts:
+        if text in path_by_text:
+            see = f"the same text as in {path_by_text[text]}"
+            raise RecordError(f"{WHAT} {path}", see, "each file once", "Name it once.")
+        path_by_text[text] = path
 
 
 def _check(path: Path, contacts: Sequence[Contact], machine: Machine) -> None:

@@ -192,6 +192,18 @@ def test_bad_home_offset(session: Path, tmp_path: Path, text: str) -> None:
     assert "three numbers" in message
 
 
+@pytest.mark.parametrize("kind", ["json", "csv", "model", "linuxcnc"])
+def test_present_values_without_a_use_are_refused(kind: str, session: Path, tmp_path: Path) -> None:
+    """Before: they were ignored in silence."""
+    options = ("--steps",) if kind == "linuxcnc" else ("--home-offset", "--endstops", "--steps")
+    for option in options:
+        words = ("--format", kind, option, "1,2,3", "-o", tmp_path / "out")
+        assert f"{option}: found --format {kind}. Allowed: " in refused(
+            2, "export", session, *words
+        )
+    assert not list(tmp_path.iterdir())
+
+
 def test_an_export_never_replaces_a_record(session: Path, tmp_path: Path) -> None:
     record = tmp_path / "s.jsonl"
     record.write_bytes(session.read_bytes())

@@ -506,6 +506,15 @@ def test_files_are_read_in_the_firmwares_order(tmp_path: Path) -> None:
     assert (got.drive, got.position_endstop_mm) == (want.drive, want.position_endstop_mm)
 
 
+def test_a_log_that_is_named_twice_is_refused(tmp_path: Path) -> None:
+    """Before: each contact counted twice, as if it repeated exactly."""
+    macro, log = g32(PERFECT)
+    with pytest.raises(
+        RecordError, match=r"3\.g: found the same text as in .*2\.g\. Allowed: each"
+    ):
+        read(tmp_path, CONFIG_G, macro, log, log)
+
+
 def test_what_m500_saved_counts_if_the_configuration_reads_it(tmp_path: Path) -> None:
     """Only M501 reads it as the firmware starts. Before: it was taken in any case."""
     macro, log = g32(PERFECT)

@@ -161,6 +161,7 @@ def check_record(path: Path, content: bytes, form: RecordForm | None = None) -> 
     """
     form = form or SESSION_FORM
     lines = content.split(b"\n")
+    _refuse_converted(path, lines[0])
     torn = lines.pop()
     events: list[Event] = []
     meaning = form.meaning(path)
@@ -188,6 +189,21 @@ def check_record(path: Path, content: bytes, form: RecordForm | None = None) -> 
         torn_bytes=len(torn),
         digest=digest,
     )
+
+
+def _refuse_converted(path: Path, first: bytes) -> None:
+    """Raises RecordError for a record that a program saved again in another form."""
+    marked = ["\ufeff{".encode(encoding) for encoding in ("utf-8", "utf-16-le", "utf-16-be")]
+    conversion = "a byte order mark before it" if first.startswith(tuple(marked)) else ""
+    if first.startswith(b"{") and first.endswith(b"\r"):
+        conversion = "an end as Windows writes it (CR LF)"
+    if conversion:
+        raise RecordError(
+            _subject(path, 1),
+            conversion,
+            "the bytes that were written, which every digest is of",
+            "An editor, mail or version control saved it again. Use an unaltered copy.",
+        )
 
 
 def check_size(path: Path, size_bytes: int) -> None:

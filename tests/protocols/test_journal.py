@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -83,6 +84,24 @@ def test_cut_in_the_first_line_is_not_a_session(path: Path) -> None:
         path.write_bytes(content[:cut])
         with pytest.raises(RecordError, match=r"no whole line|an empty file"):
             read_record(path)
+
+
+@pytest.mark.parametrize(
+    ("saved", "words"),
+    [
+        (lambda content: content.replace(b"\n", b"\r\n"), "an end as Windows writes it (CR LF)"),
+        (lambda content: b"\xef\xbb\xbf" + content, "a byte order mark before it"),
+        (lambda content: content.decode().encode("utf-16"), "a byte order mark before it"),
+    ],
+)
+def test_a_record_that_an_editor_saved_again_is_refused_in_these_words(
+    path: Path, saved: Callable[[bytes], bytes], words: str
+) -> None:
+    """Before: "it was changed", or no JSON text."""
+    path.write_bytes(saved((SAMPLES / "experiment_2_six.jsonl").read_bytes()))
+    message = re.escape(f"line 1: found {words}. Allowed: the bytes that were written")
+    with pytest.raises(RecordError, match=message):
+        read_record(path)
 
 
 def test_every_changed_byte_is_noticed_and_its_line_named(path: Path) -> None:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from app.evaluating.solution import SessionSolution, decided_in, solve_sessions
+from app.evaluating.solution import SessionSolution, decided_in, refuse_twice, solve_sessions
 from app.evaluating.tolerance import check_tolerance
-from calib.errors import CalibrationError, RecordError
+from calib.errors import CalibrationError
 from calib.identify.accuracy import Decision
 from calib.identify.solution import Solution
 from calib.quantity import INTERNAL, Quantity
@@ -86,10 +86,7 @@ def compare_files(
     sessions with nothing in common.
     """
     earlier, later = read_record(before), read_record(after)
-    if earlier.digest == later.digest:
-        raise RecordError(
-            f"sessions {before} and {after}", "the same session", "two different ones"
-        )
+    refuse_twice([(before, earlier.session), (after, later.session)])
     machine, later_machine = earlier.opened.machine, later.opened.machine
     numbers = [machine.serial_number, later_machine.serial_number]
     if all(numbers) and numbers[0] != numbers[1]:

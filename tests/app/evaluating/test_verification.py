@@ -12,7 +12,7 @@ from app.evaluating.comparison import entered_word
 from protocols.journal import write_whole
 from protocols.record import read_record
 from tests.app.cli import glidecal, refused
-from tests.conftest import first_quick
+from tests.conftest import SAMPLES, first_quick
 
 D_RHO = (0.8, -0.5, 0.3)
 NAMES = ("d_rho_x", "d_rho_y", "d_rho_z")
@@ -112,6 +112,11 @@ def test_without_a_tolerance_nothing_is_judged_and_a_hidden_effect_is_pointed_at
 def test_bad_pairs(tmp_path: Path) -> None:
     first = session(tmp_path, "a", 1.0, 1)
     assert "the same session" in refused(3, "verify", first, first)
+    table, copies = SAMPLES / "tables" / "experiment_2_six.csv", []
+    for name in ("once.jsonl", "again.jsonl"):  # before: in tolerance by the readings before
+        copies.append(tmp_path / name)
+        assert glidecal("import", table, "-o", copies[-1]).status == 0
+    assert "again.jsonl: found the same readings twice, see " in refused(3, "verify", *copies)
     second = session(tmp_path, "b", 1.0, 2)
     assert "a positive length" in refused(2, "verify", first, second, "--tolerance", "0")
 

@@ -167,9 +167,9 @@ def test_a_table_is_traceable_through_the_instruments_of_the_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A table of readings is no instrument; its days, both of them, are on the first page."""
-    table = SAMPLES / "tables" / "experiment_2_six.csv"
     before, after = tmp_path / "before.jsonl", tmp_path / "after.jsonl"
-    for path, day in ((before, "2026-11-01"), (after, "2026-11-02")):
+    for path, day, number in ((before, "2026-11-01", 2), (after, "2026-11-02", 1)):
+        table = SAMPLES / "tables" / f"experiment_{number}_six.csv"
         run = glidecal("import", table, "-o", path, "--measured-on", day)
         assert run.status == 0, run.err
     indicator = '[[instrument]]\nname = "dial"\ncertificate = "K-88"\n'

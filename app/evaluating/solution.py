@@ -201,10 +201,15 @@ class SessionSolution(Tabled):
         )
 
     @property
+    def noise_of_each(self) -> Noise:
+        """In which indicators differ only beyond chance, those of several sessions, too."""
+        return self.noise if len(self.sessions) == 1 else self.solution.noise
+
+    @property
     def noisy(self) -> tuple[NoisyChannel, ...]:
         """Indicators that scatter more than the quietest."""
         readings = _counting(self.sessions)
-        indicators = noisy_indicators(self.observed, self.noise)
+        indicators = noisy_indicators(self.observed, self.noise_of_each)
         return tuple(NoisyChannel(*readings[indicator.row], indicator) for indicator in indicators)
 
     @cached_property

@@ -235,7 +235,8 @@ def refuse_unseen(result: Identifiability, what: str) -> None:
             f"the set '{what}' cannot be identified from these readings",
             f"{len(result.unseen)} of {len(result.names)} combinations not identifiable: {blind}",
             "every combination known better than its tolerance",
-            "Choose a smaller set with --subset, or measure Zero, Max and Min on all three legs.",
+            "Choose another set with --subset, or a procedure that shows it: glidecal "
+            "identifiability.",
         )
 
 

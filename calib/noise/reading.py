@@ -52,9 +52,9 @@ class IndicatorNoise:
 class Noise:
     """Noise of single readings: one entry of ``indicators`` for each indicator.
 
-    They are all the same where ``pooled``; equal ones share one estimate. ``outliers`` are readings
-    that do not fit their own repeats; they are counted nevertheless. Degrees of freedom are
-    infinite for a stated instrument: taken as known (GUM 4.3, type B).
+    Those of a session are all the same where ``pooled``; equal ones share one estimate.
+    ``outliers`` are readings that do not fit their own repeats; they are counted nevertheless.
+    Degrees of freedom are infinite for a stated instrument: taken as known (GUM 4.3, type B).
     ``repeated`` is what repeats show: nothing where there are none, equal readings, less scatter
     than rounding, or scatter. ``cycle_drift_mm`` is how far readings drift from cycle to cycle
     where that is more than chance; it is not in the variances.
@@ -71,7 +71,8 @@ class Noise:
     def of_sessions(cls, noises: Sequence[Noise]) -> Noise:
         """Of several sessions: the indicators of each, in the order of the sessions."""
         indicators = tuple(indicator for noise in noises for indicator in noise.indicators)
-        return replace(noises[0], indicators=indicators, pooled=len(set(indicators)) == 1)
+        pooled = all(noise.pooled for noise in noises)
+        return replace(noises[0], indicators=indicators, pooled=pooled)
 
     @property
     def standard_deviation_mm(self) -> float:

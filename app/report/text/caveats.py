@@ -107,8 +107,8 @@ def _of_noise(solved: SessionSolution) -> Iterator[str]:
         yield (
             f"NOTE: the {gauge_word(solved)}s scatter differently: {noisy_words}"
             f"{f'; {remaining} more' if remaining > 0 else ''}; the others "
-            f"{uncertain(math.sqrt(noise.quiet_mm2), 4)} mm. Each is weighted by its own scatter. "
-            "Check the one that scatters most."
+            f"{uncertain(math.sqrt(solved.noise_of_each.quiet_mm2), 4)} mm. Each is weighted by "
+            "its own scatter. Check the one that scatters most."
         )
     if noise.cycle_drift_mm is not None:
         yield (

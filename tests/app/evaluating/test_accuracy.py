@@ -157,3 +157,22 @@ def test_all_documents_state_one_noise(samples: Path) -> None:
     words = f"{noise['standard_deviation_mm']:.4f} mm"
     assert f"Noise of a single reading {words}" in glidecal("solve", session).out
     assert f"noise of a reading\n{words}" in glidecal("diagnose", session).out
+
+
+def test_sessions_of_one_indicator_are_not_indicators_that_differ(tmp_path: Path) -> None:
+    """The posterior has an estimate for each session; both differ by chance alone."""
+    sessions = [tmp_path / f"{seed}.jsonl" for seed in (8, 9)]
+    for path in sessions:
+        assert glidecal("simulate", "--seed", path.stem, "-o", path).status == 0
+    alone = [json.loads(glidecal("solve", path, "--json").out)["noise"] for path in sessions]
+    together = glidecal("solve", *sessions, "--json").out
+    noise = json.loads(together)["noise"]
+    squares = [each["standard_deviation_mm"] ** 2 for each in alone]
+    assert noise["standard_deviation_mm"] == pytest.approx(np.sqrt(np.mean(squares)))
+    freedoms = [each["degrees_of_freedom"] for each in alone]
+    welch = np.sum(squares) ** 2 / np.sum(np.square(squares) / freedoms)  # GUM G.4.1
+    assert noise["degrees_of_freedom"] == pytest.approx(welch)
+    assert noise == {**noise, "pooled": True}
+    assert "scatter differently" not in glidecal("solve", *sessions).out
+    diagnosis = json.loads(glidecal("diagnose", *sessions, "--json").out)["noise"]
+    assert diagnosis == {key: noise[key] for key in diagnosis}

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.app.cli import glidecal
+from tests.app.cli import glidecal, refused
 from tests.app.exports import test_towers as true
 from tests.conftest import first_quick
 from tests.protocols.printers.printers import printer_cfg
@@ -169,3 +169,14 @@ def test_no_document_drops_what_the_firmware_of_a_printer_holds(
 
 def words(text: str) -> str:
     return " ".join(text.split())
+
+
+def test_a_set_that_a_plate_does_not_show_is_refused_without_advice_on_legs(
+    simulated: Path, tmp_path: Path
+) -> None:
+    """Before: "measure Zero, Max and Min on all three legs", which no printer can."""
+    arguments = ("--subset", "both", "--format", "json", "-o", tmp_path / "o.json")
+    message = refused(5, "export", simulated, *arguments)
+    assert "the set 'both' cannot be identified from these readings" in message
+    assert "all three legs" not in message
+    assert "a procedure that shows it: glidecal identifiability" in message

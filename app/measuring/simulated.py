@@ -180,6 +180,8 @@ def simulated_of_files(
         check_number("--size", size, -LARGEST_SIZE, LARGEST_SIZE)
     if size is not None and effect is None:
         raise UsageError("--size", "no --effect", "the size of an effect: both options, or none")
+    # numbers of numpy are none of a record
+    seed, scatter_mm, resolution_mm = int(seed), float(scatter_mm), float(resolution_mm)
     if model and machine:
         raise UsageError("--model and --machine", "both", "one: a model brings its own machine")
     if model:

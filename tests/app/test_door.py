@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import glidecal
@@ -197,3 +198,22 @@ def test_a_session_that_is_held_out_may_stand_alone() -> None:
         glidecal.diagnose(SESSION, held_out=held_out) for held_out in (str(OTHER), [OTHER])
     )
     assert alone.held_out == listed.held_out == (OTHER.name,)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    """Before: a step of the display as float32 ended in an error of pydantic."""
+    step = np.float32(0.0009765625)  # the same in both widths
+    session = glidecal.simulate(
+        resolution_mm=step,  # type: ignore[arg-type]
+        scatter_mm=np.float64(0.002),
+        seed=np.int64(5),  # type: ignore[arg-type]
+        effect=SAG,
+        size=np.float64(0.02),
+    )
+    plain = glidecal.simulate(
+        resolution_mm=float(step), scatter_mm=0.002, seed=5, effect=SAG, size=0.02
+    )
+    assert [r.value_mm for r in session.readings] == [r.value_mm for r in plain.readings]
+    sizes: list[float] = list(np.array([0.02]))
+    (size,) = glidecal.what_if(session, effect=SAG, size=sizes).values
+    assert size == 0.02

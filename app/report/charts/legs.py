@@ -57,7 +57,7 @@ def leg_figures(solved: SessionSolution) -> tuple[LegFigure, ...]:
     several = len({curve.station for curve in curves if not curve.over_plane}) > 1
     readings = [_readings(curve) for curve in curves]
     figures_left = [_left(curve) for curve in curves]
-    noise = solved.noise  # of residuals it is what the pictures show
+    noise = solved.solution.noise  # of residuals it is what the pictures show
     noise_known = noise.source != "residuals"
     noise_um = NOISE_ROOM * UM_PER_MM * noise.standard_deviation_mm if noise_known else 0.0
     readings, figures_left = _on_one_scale(readings), _on_one_scale(figures_left, noise_um)

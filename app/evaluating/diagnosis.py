@@ -189,7 +189,7 @@ class DiagnosedTool:
     def of(cls, corrections: ControllerCorrections, machine: Machine) -> DiagnosedTool:
         """The tool with each correction of these sessions."""
         entered: dict[Holds, ToolOff] = {holds: corrections.of(holds).off for holds in HOLDS}
-        change = printer_change(machine, corrections, ())
+        change = printer_change(machine, corrections)
         return cls(corrections.frame, corrections.off_now, entered, change.off if change else None)
 
     @property

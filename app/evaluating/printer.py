@@ -94,8 +94,9 @@ class PrinterChange:
     """All that changes, with the bound of the tool, and how even the plate is in the contacts.
 
     ``uneven_mm`` is the r.m.s. of heights about their mean, as they were probed and as the same
-    probing would show them; None for a session that is not of contacts. ``left_out`` are parts that
-    no entry takes. With ``turns`` travels are mm for a turn, else steps per mm.
+    probing would show them; None for a session that is not of contacts. ``scatter_mm`` is that of
+    repeats, None without. ``left_out`` are parts that no entry takes. With ``turns`` travels are mm
+    for a turn, else steps per mm.
     """
 
     towers: tuple[TowerChange, ...]
@@ -104,6 +105,7 @@ class PrinterChange:
     now_mm: float
     bound_mm: float
     uneven_mm: ValueChange | None
+    scatter_mm: float | None
     left_out: tuple[LeftOut, ...]
     turns: bool = True
 
@@ -111,14 +113,23 @@ class PrinterChange:
     def helps(self) -> bool:
         """Whether the values are worth entering.
 
-        The tool is bounded clearly more closely and the plate no less even; or the plate is clearly
-        more even and the bound no larger, as what a plate does not show can keep it where it is.
+        The tool is bounded clearly more closely and the plate no less even; or the plate, uneven
+        beyond what the probe scatters, is clearly more even and the bound no larger, as what a
+        plate does not show can keep it where it is.
         """
         share = self.bound_mm / self.now_mm
         if self.uneven_mm is None:
             return share < CLEARLY_BETTER
         even = self.uneven_mm.then / max(self.uneven_mm.now, LEAST)
-        return max(share, even) < 1.0 and min(share, even) < CLEARLY_BETTER
+        better = share if self.probe_limits else min(share, even)
+        return max(share, even) < 1.0 and better < CLEARLY_BETTER
+
+    @property
+    def probe_limits(self) -> bool:
+        """Whether heights of the plate differ hardly more than contacts at one place do."""
+        if self.uneven_mm is None or not self.scatter_mm:
+            return False
+        return self.uneven_mm.now < BEYOND_NOISE * self.scatter_mm
 
     @property
     def endstops_alone(self) -> bool:
@@ -135,16 +146,23 @@ class PrinterChange:
         return any(tower.travel for tower in self.towers)
 
 
+BEYOND_NOISE = 2.0
+"""Times the scatter of a contact: heights that differ by more are not of the probe alone."""
+
 LEAST = 5e-4
 """A change of less is not shown, in mm and degrees."""
 
 
 def printer_change(
-    machine: Machine, corrections: ControllerCorrections, contacts: Sequence[Reading]
+    machine: Machine,
+    corrections: ControllerCorrections,
+    contacts: Sequence[Reading] = (),
+    scatter_mm: float | None = None,
 ) -> PrinterChange | None:
     """What a printer's owner changes; None where the machine is none whose switches are stated.
 
-    ``contacts`` are those that were taken; none of a session of readings.
+    ``contacts`` are those that were taken; none of a session of readings. ``scatter_mm`` is that of
+    their repeats, None without any.
     """
     if machine.position_endstop_mm is None:
         return None
@@ -182,6 +200,7 @@ def printer_change(
         corrections.off_now.bound_in(corrections.frame),
         best.off.bound_in(corrections.frame),
         _uneven_mm(contacts, best),
+        scatter_mm,
         best.left_out,
         turns is not None,
     )

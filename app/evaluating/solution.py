@@ -127,7 +127,9 @@ class SessionSolution(Tabled):
         """What the owner of a printer changes in its firmware; None for another machine."""
         machine = self.sessions[0].opened.machine
         contacts = [reading for _, reading in self.visits] if self.of_contacts else []
-        return printer_change(machine, self.corrections, contacts)
+        repeats = self.noise if self.noise.source == "repeats" else None
+        scatter_mm = repeats.scatter_of_repeats[0] if repeats else None
+        return printer_change(machine, self.corrections, contacts, scatter_mm)
 
     @cached_property
     def lines(self) -> tuple[LineParameter, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from rich.table import Table
 
-from app.evaluating.printer import LEAST, PrinterChange
+from app.evaluating.printer import BEYOND_NOISE, LEAST, PrinterChange
 from app.evaluating.solution import SessionSolution
 from app.report.text.tables import new_table, signed, uncertain
 from calib.tripod.effects.bars import LegLength
@@ -41,9 +41,6 @@ NOT_WORTH_IT = (
     "WARNING: these values are not expected to make the tool more accurate. Look with glidecal "
     "diagnose for the cause before you enter them."
 )
-
-BEYOND_NOISE = 2.0
-"""Times the scatter of a contact: heights that differ by more are not of the probe alone."""
 
 SIZE_SHOWS = 3.0
 """Times the unevenness with the values: a bound beyond it is of what the plate does not show."""
@@ -94,9 +91,8 @@ def _travel_table(change: PrinterChange) -> Table:
 def change_answers(solved: SessionSolution, change: PrinterChange) -> Iterator[str]:
     """Does it repeat; is it the probe or the geometry; how good can it get."""
     noise, uneven = solved.noise, change.uneven_mm
-    scatter_mm, free = noise.scatter_of_repeats if noise.source == "repeats" else (None, 0.0)
-    probe_limits = bool(uneven and scatter_mm and uneven.now < BEYOND_NOISE * scatter_mm)
-    if not change.helps and not probe_limits:
+    scatter_mm = change.scatter_mm
+    if not change.helps and not change.probe_limits:
         yield NOT_WORTH_IT
     if uneven is None:
         return
@@ -105,9 +101,9 @@ def change_answers(solved: SessionSolution, change: PrinterChange) -> Iterator[s
     else:
         yield (
             f"Contacts at one place repeat to {uncertain(scatter_mm)} mm (standard deviation, "
-            f"{free:.0f} degrees of freedom)."
+            f"{noise.scatter_of_repeats[1]:.0f} degrees of freedom)."
         )
-    if probe_limits:
+    if change.probe_limits:
         yield (
             f"The heights of the plate differ by {uncertain(uneven.now)} mm r.m.s., hardly more "
             "than that: the probe limits what can be seen, not the geometry."

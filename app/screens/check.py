@@ -26,7 +26,7 @@ from app.report.text import motion, preparing
 from app.report.text.home import CHECK_HELP, DRY_RUN_HELP
 from app.screens.interface import MainScreen
 from app.screens.paged import Page, PagedScreen
-from app.screens.pages import apart, is_left
+from app.screens.pages import apart, is_left, once
 from app.screens.session_view import Gauges, port_dialog
 from calib.errors import GlidecalError
 from protocols.procedure import Step
@@ -152,7 +152,7 @@ class CheckScreen(MainScreen[None]):
         self.refresh_bindings()
         self._open()
 
-    @work(exclusive=True, group="port")
+    @once("port")
     async def action_port(self) -> None:
         """The first indicator whose port has gone is at another one: choose it, and try again."""
         number, instruments = self._gone[0], list(self._plan.instruments)

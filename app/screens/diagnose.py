@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
-from textual import work
 from textual.binding import Binding, BindingType
 
 from app.evaluating.diagnosis import (
@@ -22,7 +21,7 @@ from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
 from app.screens.interface import ChoiceDialog, TextDialog
 from app.screens.paged import Page, PagedScreen
-from app.screens.pages import apart
+from app.screens.pages import apart, once
 from app.screens.what_if import tried
 from protocols.effect_entries import EffectEntry
 from protocols.files import unused_path
@@ -93,7 +92,7 @@ class DiagnoseScreen(PagedScreen[None]):
             return texts.NOTHING_NAMED
         return texts.NO_NEXT if action == "next" and diagnosed and not diagnosed.separation else ""
 
-    @work(exclusive=True, group="adopt")
+    @once("adopt")
     async def action_adopt(self) -> None:
         diagnosed = self.diagnosed
         if diagnosed is not None:
@@ -104,7 +103,7 @@ class DiagnoseScreen(PagedScreen[None]):
             elif answer:
                 await self._adopt(diagnosed, answer)
 
-    @work(exclusive=True, group="adopt")
+    @once("adopt")
     async def action_what_if(self) -> None:
         """What an effect does at any size: one of the model gets it, another is adopted as by A."""
         diagnosed = self.diagnosed
@@ -172,7 +171,7 @@ class DiagnoseScreen(PagedScreen[None]):
             write_procedure(diagnosed, path)
             self.app.notify(texts.NEXT_WRITTEN.format(path))
 
-    @work(group="result", exclusive=True)
+    @once("result")
     async def action_result(self) -> None:
         """What these sessions give, with the adopted effects where there are any."""
         from app.screens.result import result_of

@@ -15,7 +15,7 @@ from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from app.report.text import hexaslide as texts
 from app.screens.interface import ChoiceDialog, TextDialog
 from app.screens.paged import Page, PagedScreen
-from app.screens.pages import apart
+from app.screens.pages import apart, once
 from calib.hexaslide.planning import KINDS, HexaSlideSeen, conditions_at, look_at
 from calib.hexaslide.procedures import ProcedureKind
 from calib.hexaslide.search import BestPostures, Search, searches
@@ -101,14 +101,14 @@ class HexaSlideScreen(PagedScreen[None]):
         self.put("drawn", texts.drawn_at_text(self._drawn_at, len(postures)), *pair)
         self.put("sees", None, *pair)
 
-    @work(exclusive=True, group="ask")
+    @once("ask")
     async def action_procedure(self) -> None:
         kinds = [(kind, f"{kind}: {texts.PROCEDURE_WORDS[kind]}") for kind in KINDS]
         kind = await self.ask(ChoiceDialog(texts.WHICH_PROCEDURE, kinds))
         if kind is not None:
             self._look(replace(self.request, procedure=kind, measured=(), known=None))
 
-    @work(exclusive=True, group="ask")
+    @once("ask")
     async def action_measured(self) -> None:
         proposed = ",".join(self.request.measured or ("x", "y", "z", "theta"))
         text = await self.ask(TextDialog(texts.WHICH_COMPONENTS, "x,y,z,theta", proposed))
@@ -118,7 +118,7 @@ class HexaSlideScreen(PagedScreen[None]):
             kind = ProcedureKind.CONSTRAINT_LINK if linked else ProcedureKind.POSE_FORWARD
             self._look(replace(self.request, procedure=kind, measured=measured))
 
-    @work(exclusive=True, group="ask")
+    @once("ask")
     async def action_machine(self) -> None:
         """Another machine file; an empty line is the example H60."""
         now = str(self.request.machine_file or "")
@@ -127,7 +127,7 @@ class HexaSlideScreen(PagedScreen[None]):
             path = Path(text).expanduser() if text else None
             self._look(replace(self.request, machine_file=path))
 
-    @work(exclusive=True, group="ask")
+    @once("ask")
     async def action_count(self) -> None:
         assert self.view is not None, "offered with it alone"
         fewest, now = self.view.fewest, str(self._count)

@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
-from textual import work
 from textual.binding import Binding, BindingType
 
 from app.evaluating.hexaslide import PostureResult, posture_result
@@ -17,7 +16,7 @@ from app.report.text import hexaslide_result as texts
 from app.report.text import hexaslide_what_if as what_if_texts
 from app.screens.interface import ChoiceDialog
 from app.screens.paged import Page, PagedScreen
-from app.screens.pages import apart
+from app.screens.pages import apart, once
 from app.screens.what_if import SIZE_KEYS, SizesScreen
 from calib.diagnosis.hexaslide_what_if import CauseAtSize, PostureTrial
 from calib.errors import extra
@@ -78,7 +77,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
         """The bars are as long as there is room."""
         self._show_glance()
 
-    @work(exclusive=True, group="what-if")
+    @once("what-if")
     async def action_what_if(self) -> None:
         if self.result is None:
             return
@@ -90,7 +89,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
             if name is not None:
                 await self.ask(PostureWhatIfScreen(self.path, causes, name))
 
-    @work(exclusive=True, group="write")
+    @once("write")
     async def action_export(self) -> None:
         result, folder = self.result, self.path.with_suffix("")
         if result is not None and (
@@ -100,7 +99,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
             self.folder = folder.name
             self._show_glance()
 
-    @work(exclusive=True, group="write")
+    @once("write")
     async def action_report(self) -> None:
         choices = [(ending, f"{self.path.with_suffix(ending).name}") for ending in texts.ENDINGS]
         ending = await self.ask(ChoiceDialog(texts.WHICH_REPORT, choices))

@@ -96,16 +96,15 @@ class PagedScreen(MainScreen[ScreenResultType]):
         yield from ()
 
     def on_mount(self) -> None:
-        if not (tabs := self.query(Tabs)):  # the program ended before the screen was there
-            return
-        tabs.first().can_focus = False  # the keys of this screen turn the pages
+        self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
         self.begin()
 
     def begin(self) -> object:
         """Fill the pages, or begin to work out what they show."""
 
     def head(self, text: str) -> None:
-        self.query_one("#heading", Static).update(text)
+        for line in self.query("#heading").results(Static):  # none where the screen goes
+            line.update(text)
 
     def put(self, name: str, text: str | None, *charts: Chart) -> None:
         """Text and charts of a page, None: those of before; keys in the text are ids in braces."""
@@ -113,9 +112,9 @@ class PagedScreen(MainScreen[ScreenResultType]):
             if text is not None:
                 words.update(signalled(self.app.keyed(text)))
         for number, chart in enumerate(charts):
-            plot = self.query_one(f"#{name}-chart{number}", ChartPlot)
-            plot.display = True
-            plot.show(chart)
+            for plot in self.query(f"#{name}-chart{number}").results(ChartPlot):
+                plot.display = True
+                plot.show(chart)
 
     # without a description Textual makes one of the arguments, every number of a result in words:
     # seconds, in the thread that draws

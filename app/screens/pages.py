@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any, ParamSpec, Self, TypeVar
 
 from rich.segment import Segment
+from textual import work
 from textual.app import ComposeResult
 from textual.color import Color
 from textual.content import Content
@@ -67,6 +68,22 @@ async def apart(
     finally:
         if is_left(screen):
             raise asyncio.CancelledError
+
+
+def once(group: str) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Callable[..., None]]:
+    """A worker of a screen for a key that may be held: one of a group at a time."""
+
+    def decorated(action: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+        begin = work(group=group, description=group)(action)
+
+        def begin_once(screen: Screen[Any], *given: object) -> None:
+            workers = [w for w in screen.workers if w.node is screen and w.group == group]
+            if all(worker.is_finished for worker in workers):
+                begin(screen, *given)
+
+        return begin_once
+
+    return decorated
 
 
 SHOWN_S = 15.0

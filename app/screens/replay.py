@@ -17,7 +17,7 @@ from app.measuring.playback import Playback
 from app.report.text import replay as texts
 from app.report.text.session import TakenBy
 from app.screens.interface import MainScreen, TextDialog
-from app.screens.pages import apart, last_lines
+from app.screens.pages import apart, last_lines, once
 from app.screens.session_view import SessionView
 from calib.errors import GlidecalError
 from protocols.record import read_record
@@ -60,7 +60,6 @@ class ReplayScreen(MainScreen[None]):
         self.view = SessionView((*instruments, None, None)[: self.playback.gauge_count])
         self._listed: list[str] = []
         self._looked_at_s = time.monotonic()
-        self._solving = False
 
     def compose(self) -> ComposeResult:
         yield self.view
@@ -169,18 +168,14 @@ class ReplayScreen(MainScreen[None]):
         has_way = not self.app.read_only or self.has_class("listing")
         return action != "back" or has_way or self in self.app.screen_stack[2:]
 
-    @work
+    @once("result")
     async def action_result(self) -> None:
         from app.screens.result import ResultScreen
 
-        if self._solving:
-            return
         self._pause()
-        self._solving = True
         try:
             solved = await apart(self, solve_files, [self.path])
             if self.is_current:
                 self.app.push_screen(ResultScreen(solved, None, self.path))
         except GlidecalError as problem:
             self.view.say(texts.UNSOLVED.format(problem))
-        self._solving = False

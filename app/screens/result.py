@@ -25,7 +25,7 @@ from app.report.text.correction import SUBSET_WORDS
 from app.report.text.glance import Done, glance_text
 from app.screens.interface import ChoiceDialog
 from app.screens.paged import Page, PagedScreen
-from app.screens.pages import apart, is_left
+from app.screens.pages import apart, is_left, once
 from app.screens.plot import LegPlots
 from app.screens.what_if import tried
 from calib.errors import extra
@@ -111,7 +111,7 @@ class ResultScreen(PagedScreen[None]):
             return texts.NO_PLAN
         return "" if self.solved.is_worked_out else texts.WORKING_OUT
 
-    @work(exclusive=True, group="set")
+    @once("set")
     async def action_choose(self) -> None:
         """Show another set of parameters, which is a view: what to enter stays."""
         sets = [(subset, SUBSET_WORDS[subset]) for subset in SUBSETS]
@@ -162,7 +162,7 @@ class ResultScreen(PagedScreen[None]):
         write_report(source, target, replace=replace)
         return True
 
-    @work(exclusive=True, group="what-if")
+    @once("what-if")
     async def action_what_if(self) -> None:
         """What an effect does at any size beside the set that is shown.
 

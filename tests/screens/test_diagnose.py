@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from threading import Event
 
 import pytest
 from textual.widgets import OptionList, TabbedContent
@@ -14,6 +15,7 @@ from app.screens.interface import ChoiceDialog, HelpDialog
 from app.screens.plot import ChartPlot
 from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
+from calib.errors import RecordError
 from tests.conftest import first_quick
 from tests.screens.diagnosing import diagnosed, drawn, verdict
 from tests.screens.driving import SIZE, said, text, until
@@ -114,6 +116,29 @@ async def test_from_home_and_from_the_result(bowed: Path, monkeypatch: pytest.Mo
         assert verdict(interface).startswith("EXPLAINED.")
         await pilot.press("escape")
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
+        await pilot.press("f10")
+
+
+async def test_a_result_is_worked_out_once_however_long_its_key_is_held(
+    bowed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended, begun = Event(), list[object]()
+
+    def solved(*paths: object, **_: object) -> ResultScreen:
+        begun.append(paths)
+        ended.wait()
+        raise RecordError("session", "no result", "one")
+
+    monkeypatch.setattr("app.screens.result.result_of", solved)
+    interface = Glidecal(DiagnoseScreen([bowed]))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        await diagnosed(pilot, interface)
+        await pilot.press(*"lllll")
+        assert len(begun) == 1
+        ended.set()
+        await until(pilot, "why not", lambda: "no result" in said(interface))
+        await pilot.press("l")
+        await until(pilot, "another one", lambda: len(begun) == 2)
         await pilot.press("f10")
 
 

@@ -16,16 +16,21 @@ from textual.css.query import NoMatches
 from textual.pilot import Pilot
 from textual.screen import Screen
 
+from app.evaluating.comparison import compare_files
+from app.evaluating.solution import solve_files
 from app.screens.diagnose import DiagnoseScreen
+from app.screens.history import CompareScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
-from app.screens.prepare import PrepareScreen
+from app.screens.prepare import IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
+from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
 from tests.conftest import SAMPLES, first_quick
 from tests.screens.driving import PATIENCE, SIZE, until
 
 SAMPLE = SAMPLES / "simulated_zero-max-min.jsonl"
+PAIR = tuple(SAMPLES / f"experiment_{number}_twelve.jsonl" for number in (2, 3))
 KEYS = [
     *("ctrl+p", "enter", "escape") * 3,
     *("up", "down", "left", "right", "tab", "shift+tab", "space", "backspace"),
@@ -75,7 +80,12 @@ async def test_mashed_keys(folder: Path, served: bool, seed: int) -> None:
     "screen",
     [
         lambda: DiagnoseScreen([SAMPLE]),
+        lambda: CompareScreen(compare_files(*PAIR)),
+        lambda: ReplayScreen(SAMPLE),
+        lambda: ResultScreen(solve_files([SAMPLE]), None, SAMPLE),
+        HomeScreen,
         PrepareScreen,
+        lambda: IndicatorScreen("First indicator", {}, {}),
         lambda: ChoiceDialog("Which?", [("a", "a")]),
     ],
 )

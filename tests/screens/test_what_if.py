@@ -103,6 +103,7 @@ async def test_figures_follow_the_size_as_in_python(bowed: Path) -> None:
             await pilot.press(page)
             await pilot.pause(0.05)
             assert any(words in row for row in rows(screen))
+            assert not any(re.search(r"[xyz]_[xyz][+-]", row) for row in rows(screen))
         await pilot.press("escape")
         await until(pilot, "back", lambda: interface.screen is diagnosis)
         await pilot.press("f10")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from app.report.charts.charts import (
@@ -12,6 +12,7 @@ from app.report.charts.charts import (
     Series,
     StrokeStyle,
     even_limits,
+    grouped,
     label_cells,
     spread,
     thinned,
@@ -128,11 +129,11 @@ class Canvas:
         return self._narrow(chart) and self._rows >= len(chart.x_names)
 
     def _named(self, chart: Chart) -> Chart:
-        """With symbols, and the first of them in words, where names fit in neither way."""
-        if not chart.x_short or not self._narrow(chart) or self._on_its_side(chart):
+        """With the names of groups where those of places fit in neither way."""
+        if not chart.x_groups or not self._narrow(chart) or self._on_its_side(chart):
             return chart
-        words = f"{chart.x_short[0]}: {chart.x_names[0]}"
-        return replace(chart, x_names=chart.x_short, x_words=words)
+        of_groups = grouped(chart)
+        return chart if self._narrow(of_groups) else of_groups
 
     def _legend(self, chart: Chart) -> str:
         marked = zip(marks_of(chart.series, MARKERS), chart.series, strict=True)

@@ -63,8 +63,8 @@ class Series:
 class Chart:
     """One plot: series over one horizontal axis with the words beside it, over ``strokes``.
 
-    With ``x_names`` the places 1, 2, … of ``x`` carry names in the place of numbers; ``x_short``
-    are symbols for them where there is no room for words. ``marks`` are
+    With ``x_names`` the places 1, 2, … of ``x`` carry names in the place of numbers, each its group
+    and what it is within it; ``x_groups`` are the groups. ``marks`` are
     places of ``x`` with a line from top to bottom. The scales cover ``room`` and ``x_room``, too.
     """
 
@@ -73,7 +73,7 @@ class Chart:
     y_words: str
     series: tuple[Series, ...]
     x_names: tuple[str, ...] = ()
-    x_short: tuple[str, ...] = field(default=(), kw_only=True)
+    x_groups: tuple[str, ...] = field(default=(), kw_only=True)
     marks: tuple[float, ...] = ()
     room: tuple[float, ...] = ()
     strokes: tuple[Stroke, ...] = ()
@@ -211,6 +211,28 @@ def turned(chart: Chart, rows: int) -> Chart:
             replace(series, x=series.y, y=tuple(last - round(x) - below for x in series.x))
         )
     return replace(chart, series=tuple(on_side))
+
+
+WITHIN = 0.7
+"""So much of the place of a group its members take."""
+
+
+def grouped(chart: Chart) -> Chart:
+    """The groups of the names, their members beside each other, for narrow and low places."""
+    groups = list(dict.fromkeys(chart.x_groups))
+    places: list[float] = []
+    members: list[str] = []
+    for name, group in zip(chart.x_names, chart.x_groups, strict=True):
+        number, count = chart.x_groups[: len(places)].count(group), chart.x_groups.count(group)
+        places.append(groups.index(group) + 1.0 + WITHIN * ((number + 0.5) / count - 0.5))
+        members.append(name.removeprefix(group).strip(" ,"))
+    share = WITHIN * len(groups) / len(places)
+    series = tuple(
+        replace(each, x=tuple(places[round(x) - 1] + share * (x - round(x)) for x in each.x))
+        for each in chart.series
+    )
+    words = f"each: {', '.join(dict.fromkeys(members))}"
+    return replace(chart, series=series, x_names=tuple(groups), x_groups=(), x_words=words)
 
 
 def turned_limits(names: int, rows: int) -> Limits:

@@ -107,8 +107,10 @@ def _differences(
         x = tuple(place + aside for place in range(1, len(names) + 1))
         series.append(Series(name, x, *(tuple(column.tolist()) for column in columns)))
     words = tuple(map(difference_words, names))
-    title = f"Differences{': leg along axis' * (words != tuple(names))}"
-    return Chart(title, "", "mm", tuple(series), words, x_short=tuple(names))
+    if words == tuple(names):
+        return Chart("Differences", "", "mm", tuple(series), words)
+    legs = tuple(name.partition(",")[0] for name in words)
+    return Chart("Differences: leg along axis", "", "mm", tuple(series), words, x_groups=legs)
 
 
 HALF = 0.36

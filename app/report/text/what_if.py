@@ -11,6 +11,7 @@ from app.report.text.correction import FRAME_WORDS, SUBSET_WORDS
 from app.report.text.tables import (
     LEAST_MM,
     decimals,
+    difference_words,
     new_table,
     paragraphs,
     signed,
@@ -137,6 +138,7 @@ def numbers_text(without: WhatIf, now: WhatIf) -> str:
         values = differences.value_mm[k], former.predicted_mm[k], solution.predicted_mm[k]
         residual_mm = solution.left_mm[k]
         listed.add_row(
-            differences.names[k], *(signed(float(mm), 4) for mm in (*values, residual_mm))
+            difference_words(differences.names[k]),
+            *(signed(float(mm), 4) for mm in (*values, residual_mm)),
         )
     return paragraphs(table, listed)

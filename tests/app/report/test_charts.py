@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import pairwise, permutations
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.report.charts.characters import chart_text
 from app.report.charts.charts import (
     Chart,
     Series,
@@ -120,3 +121,19 @@ def test_series_of_a_turned_chart_share_a_row_only_where_they_must(
     for series, expected in zip(side.series, places, strict=True):
         assert series.x == (1.0, 2.0, 3.0)
         assert list(series.y[: len(expected)]) == expected
+
+
+def test_where_no_name_has_room_groups_are_named_in_words() -> None:
+    names = tuple(
+        f"{leg} along {axis}, {end}"
+        for end in ("MAX", "MIN")
+        for leg, axis in permutations("XYZ", 2)
+    )
+    legs = tuple(name.partition(",")[0] for name in names)
+    left = Series("left", tuple(range(1, 13)), tuple(range(12)))
+    chart = Chart("Left", "", "mm", (left,), names, x_groups=legs)
+    low, high = chart_text(chart, 12, 80), chart_text(chart, 20, 80)
+    assert "each: MAX, MIN" in low
+    assert all(leg in low for leg in legs)
+    assert all(name in high for name in names), "one below the other"
+    assert "each" not in high

@@ -163,7 +163,7 @@ def is_taken(screen: MeasureScreen, number: int) -> bool:
 async def take_every_step(pilot: Pilot[str], screen: MeasureScreen) -> None:
     """By hand: Space, and Space for the review of each leg; all but the last step."""
     for number in range(1, len(screen.guided.steps)):
-        await until(lambda: not screen.busy and screen.ready_by_hand())
+        await until(lambda: not screen.busy and screen.attended.ready_by_hand())
         await pilot.press("space")
         await until(partial(is_taken, screen, number))
         if isinstance(screen.app.screen, LegReviewScreen):
@@ -198,7 +198,7 @@ async def operate(
             await take_every_step(pilot, screen)
         figures.taking_s = delays.taken()
         async with closing.watched():
-            await until(screen.ready_by_hand)
+            await until(screen.attended.ready_by_hand)
             await pilot.press("space")
             await until(lambda: isinstance(interface.screen, LegReviewScreen))
             await pilot.press("space")

@@ -19,6 +19,7 @@ from textual.widgets import Static
 from app.evaluating.solution import solve_files
 from app.machines.options import Simulation
 from app.machines.tripod import SimulateOptions, simulate
+from app.measuring.attended import HELD_KEY_S
 from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
 from app.planning.hexaslide import Request
@@ -27,7 +28,7 @@ from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.interface import ChoiceDialog, Interface
-from app.screens.measure import HELD_KEY_S, MeasureScreen
+from app.screens.measure import MeasureScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen
 from app.screens.start import Glidecal
@@ -211,7 +212,7 @@ async def hexaslide() -> None:
 
 def main() -> None:
     """Make all of them."""
-    quick_fingers = patch("app.screens.measure.HELD_KEY_S", 0.0)
+    quick_fingers = patch("app.measuring.attended.HELD_KEY_S", 0.0)
     with quick_fingers, tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary, "measurements")  # its name is on the pictures
         folder.mkdir()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 from app.measuring.session import GuidedSession
 from app.measuring.simulated import BenchSettings, simulated_session
 from calib.errors import UsageError
 from calib.tripod.alignment import (
     Alignment,
+    RailMoved,
     Shim,
     aligned_geometry,
     alignment,
@@ -72,6 +74,19 @@ def check_procedure(procedure: Procedure, machine: Machine, reference: Leg) -> N
     align_session(session, reference)
 
 
+class Watch(StrEnum):
+    """What comes of the wish to watch a screw."""
+
+    BEGUN = "watched"
+    BLIND = "no turn of it shows at Zero"
+    DONE = "its move is in the record"
+    NO_NUMBER = "the indicator shows no number"
+
+
+TURN_MM = 0.02
+"""A key turns a simulated screw so that the end moves by so much."""
+
+
 @dataclass
 class Round:
     """One round of turning screws; ``moved_mm`` are the moves that are in the record."""
@@ -80,6 +95,7 @@ class Round:
     aligned: Aligned
     moved_mm: dict[int, float | None] = field(default_factory=dict)
     watching: int | None = None
+    chosen: int = 0
     _start_mm: float = 0.0
 
     def station(self, shim: Shim) -> float:
@@ -101,6 +117,34 @@ class Round:
     def watchable(self, shim: Shim) -> bool:
         """Whether a turn of this screw shows on the leg at Zero."""
         return abs(shim.shown(self.aligned.machine.geometry(), self.station(shim))) > LEAST_SHOWN
+
+    @property
+    def shim(self) -> Shim:
+        """The chosen screw."""
+        return self.aligned.shims[self.chosen]
+
+    def choose(self, by: int) -> Step:
+        """So many screws on; tells a simulated machine to stand there. Raises as `watch_step`."""
+        self.chosen = (self.chosen + by) % len(self.aligned.shims)
+        step = self.watch_step(self.shim)
+        self.guided.watch(step)
+        return step
+
+    def watch(self) -> Watch:
+        """Begin to watch the chosen screw, or why not. Raises as `watch_step`, and RecordError."""
+        if not self.watchable(self.shim):
+            return Watch.BLIND
+        if self.chosen in self.moved_mm:
+            return Watch.DONE
+        return Watch.BEGUN if self.start(self.chosen) else Watch.NO_NUMBER
+
+    def turn(self, way: int) -> bool:
+        """Turn the chosen screw of a simulated machine by a key; not before it is watched."""
+        if self.watching is None or self.guided.turn is None:
+            return False
+        moved = RailMoved.by_shim(self.shim, way * TURN_MM)
+        self.guided.turn(moved, self.watch_step(self.shim))
+        return True
 
     def start(self, number: int) -> bool:
         """The indicator stands: what it shows is where the screw begins. Whether it shows any.

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field, replace
 
 from app.measuring.demo import SelfMovingBench, SimulatedBench
-from app.measuring.gauges import Gauge
+from app.measuring.gauges import Gauge, Live, PushResult, SpindleCheck
 from app.measuring.indicators import (
     asked_of,
     check_indicators,
+    port_is_gone,
     profile_of,
     remember,
     this_computer,
@@ -18,7 +20,7 @@ from app.measuring.moving import Proves, open_mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession, Indicators
 from app.version import program
-from calib.errors import RecordError, UsageError
+from calib.errors import GlidecalError, RecordError, UsageError
 from drivers.motion.line import STRICT, Patience
 from protocols.journal import Journal
 from protocols.procedure import Step
@@ -101,6 +103,64 @@ def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
             identity = machine.serial_number or "", machine.place or ""
             remember(machine.name, plan.instruments, *identity)
     return guided
+
+
+@dataclass
+class PlanCheck:
+    """What an operator looks at before the record of a plan begins.
+
+    ``problem`` is why the indicators did not open, ``gone`` those whose ports are not here;
+    ``spindles`` finds out which is which before the ``first`` step, where hands can push them.
+    """
+
+    plan: Plan
+    problem: GlidecalError | None = None
+    gone: list[int] = field(default_factory=list)
+    spindles: SpindleCheck | None = None
+    first: Step | None = None
+
+    def refuse(self, problem: GlidecalError) -> None:
+        """The indicators did not open."""
+        self.problem, instruments = problem, self.plan.instruments
+        self.gone = [k for k, each in enumerate(instruments) if port_is_gone(each.port)]
+
+    def find_spindles(self) -> None:
+        """The indicators are open. Raises RecordError or UsageError where no step follows."""
+        if not self.plan.simulated:  # no hand can push those spindles
+            self.first = first_step(self.plan)
+            self.spindles = SpindleCheck(self.plan.instruments)
+
+    @property
+    def exchangeable(self) -> bool:
+        """Whether the spindle that moved is another one than was asked for."""
+        return self.spindles is not None and self.spindles.finding is PushResult.OTHER
+
+    def exchange(self, indicators: Indicators) -> Indicators:
+        """The spindle that moved is the one that was asked for: its port belongs there."""
+        assert self.spindles is not None, "exchangeable"
+        self.spindles.exchange()
+        return replace(indicators, gauges=indicators.gauges[::-1])
+
+    def look(self, states: Sequence[Live]) -> tuple[bool, bool]:
+        """Whether what is asked for changed by what the indicators show, and by a push."""
+        if self.spindles is None:
+            return False, False
+        ready, pushed = self.spindles.ready, self.spindles.look(states)
+        return pushed or self.spindles.ready is not ready, pushed
+
+    def read_at(self, number: int, port: str) -> None:
+        """An indicator, counted from 0, is at another port."""
+        instruments = list(self.plan.instruments)
+        instruments[number] = instruments[number].model_copy(update={"port": port})
+        self.plan = replace(self.plan, instruments=tuple(instruments))
+
+    def begin(self, indicators: Indicators) -> GuidedSession:
+        """As `begin`, with what the pushes told of the indicators."""
+        if self.spindles is None:
+            return begin(self.plan, indicators)
+        guided = begin(replace(self.plan, instruments=self.spindles.known()), indicators)
+        guided.note(self.spindles.remark())
+        return guided
 
 
 def opened_event(plan: Plan) -> Opened:

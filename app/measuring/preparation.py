@@ -19,7 +19,7 @@ from app.measuring.indicators import (
 )
 from app.measuring.plan import Plan, session_name
 from calib.errors import UsageError
-from drivers.profile import Unit
+from drivers.profile import Evidence, Profile, Unit
 from protocols.data_table import NUMBER
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.motion import procedure_of
@@ -143,6 +143,12 @@ def retyped(form: Form, typed: Mapping[str, str]) -> Form:
     changed = {name: text for name, text in typed.items() if text != str(usual.get(name, ""))}
     left_out = OF_ITS_OWN if "profile" in changed else ()
     return {name: value for name, value in (form | changed).items() if name not in left_out}
+
+
+def best_fit(fitting: Sequence[Profile], chosen: object) -> str:
+    """The name of the profile to take: the chosen one if it fits, else one that is verified."""
+    best = min(fitting, key=lambda profile: profile.verified is Evidence.UNVERIFIED)
+    return str(chosen) if chosen in [profile.name for profile in fitting] else best.name
 
 
 def procedures_of(machine: Machine) -> list[str]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from calib.arrays import FloatArray
 from calib.design.criteria import Criterion
 from calib.errors import CalibrationError, RecordError, UsageError
 from calib.hexaslide.geometry import COORDINATES, HexaSlide, in_degrees
-from calib.hexaslide.planning import HexaSlidePlanning
+from calib.hexaslide.planning import HexaSlidePlanning, HexaSlideSeen, conditions_at
 from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.search import BestPostures, Search, judged_postures, searches
 from calib.hexaslide.simulation import simulate
@@ -111,6 +112,36 @@ def asked_postures(
     if count > MOST_MOVED:
         raise UsageError("--count", f"{count}", f"{MOST_MOVED} postures at most")
     return _searched(planned, count, search)
+
+
+class _Stopped(Exception):
+    """Nobody waits for the search any more."""
+
+
+def better_and_better(
+    view: HexaSlideSeen, count: int, stopped: Callable[[], bool]
+) -> Iterator[tuple[BestPostures, dict[str, float]]]:
+    """The best so many postures after each start of a search, with their condition numbers.
+
+    It ends where it is ``stopped``. Raises CalibrationError for so few postures.
+    """
+
+    def watch() -> None:
+        if stopped():
+            raise _Stopped
+
+    search = Search(seed=view.planned.seed)
+    with suppress(_Stopped):
+        for best in searches(view.procedure, view.machine, count, search, watch):
+            yield best, conditions_at(view, best.coordinates)
+
+
+def measuring(request: Request, components: str) -> Request:
+    """The same with other measured components, as a person types them."""
+    measured = tuple(part.strip() for part in components.split(","))
+    linked = request.procedure == ProcedureKind.CONSTRAINT_LINK
+    kind = ProcedureKind.CONSTRAINT_LINK if linked else ProcedureKind.POSE_FORWARD
+    return replace(request, procedure=kind, measured=measured)
 
 
 def _searched(planned: HexaSlidePlanning, count: int, search: Search) -> BestPostures:

@@ -10,20 +10,14 @@ from textual.binding import Binding, BindingType
 from textual.widgets import Static
 
 from app.measuring.aligning import Round, align_session
-from app.measuring.plan import Plan
-from app.measuring.session import GuidedSession
 from app.report.text import alignment as texts
 from app.report.text.session import progress_text
 from app.screens.corrections import Corrections
 from app.screens.pages import last_lines, signalled
 from app.screens.session_view import Gauges
 from calib.errors import GlidecalError
-from calib.tripod.alignment import RailMoved
-from protocols.session import Changed
 
 LIVE_S = 0.2
-TURN_MM = 0.02
-"""A key of the simulated screw: by so much the end moves."""
 
 
 class AlignScreen(Corrections):
@@ -45,10 +39,8 @@ class AlignScreen(Corrections):
         Binding("f10", "app.quit", "Leave", id="align.leave"),
     ]
 
-    def __init__(self, guided: GuidedSession, plan: Plan) -> None:
-        super().__init__(guided, plan)
-        self.chosen = 0
-        self.round: Round | None = None
+    round: Round | None = None
+    """None where the session does not tell how the rails lie."""
 
     def compose(self) -> ComposeResult:
         yield Static("", id="progress", markup=False)
@@ -69,7 +61,7 @@ class AlignScreen(Corrections):
         else:
             self.round = Round(self.guided, aligned)
             self.say(texts.round_begins_text(aligned))
-            self._stand()
+            self._choose(0)
         self.set_interval(LIVE_S, self._show)
         self._show()
 
@@ -82,9 +74,8 @@ class AlignScreen(Corrections):
     def _show(self) -> None:
         self.query_one(Gauges).show([gauge.live() for gauge in self.guided.gauges])
         if self.round:
-            step = self.app.keyed(texts.screw_text(self.round, self.chosen))
-            self.query_one("#step", Static).update(step)
-            self.query_one("#screws", Static).update(texts.round_text(self.round, self.chosen))
+            self.query_one("#step", Static).update(self.app.keyed(texts.screw_text(self.round)))
+            self.query_one("#screws", Static).update(texts.round_text(self.round))
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Only a simulated machine has screws to be turned by a key."""
@@ -92,24 +83,21 @@ class AlignScreen(Corrections):
             return self.round is not None and self.guided.turn is not None
         return action not in ("choose", "watch", "as_asked") or self.round is not None
 
-    def _stand(self) -> None:
-        assert self.round is not None
-        try:
-            step = self.round.watch_step(self.round.aligned.shims[self.chosen])
-        except GlidecalError as problem:
-            self.say(str(problem))
-            return
-        self.guided.watch(step)
-        self.query_one(Gauges).name_them(self.plan.instruments, step)
+    @property
+    def rails(self) -> Round:
+        assert self.round is not None, "these keys are offered in a round alone"
+        return self.round
+
+    def _choose(self, by: int) -> None:
+        with self.writing():
+            self.query_one(Gauges).name_them(self.plan.instruments, self.rails.choose(by))
 
     def action_choose(self, by: int) -> None:
         """Another screw; one that is watched is finished first."""
-        assert self.round is not None, "offered in a round alone"
-        if self.round.watching is not None:
-            self.say("WAIT: this screw is watched. {align.watch} when it is there, then the next.")
+        if self.rails.watching is not None:
+            self.say(texts.IS_WATCHED)
             return
-        self.chosen = (self.chosen + by) % len(self.round.aligned.shims)
-        self._stand()
+        self._choose(by)
         self._show()
 
     async def _may_move(self) -> bool:
@@ -120,53 +108,34 @@ class AlignScreen(Corrections):
     @work
     async def action_watch(self) -> None:
         """Begin to watch the chosen screw, or write down where it is now."""
-        assert self.round is not None, "offered in a round alone"
-        if self.round.watching is not None:
-            self._done(self.round, watched=True)
+        if self.rails.watching is not None:
+            self._done(watched=True)
         elif await self._may_move():
-            self._watch(self.round)
-
-    def _watch(self, rails: Round) -> None:
-        shim = rails.aligned.shims[self.chosen]
-        with self.app.complaining():
-            if not rails.watchable(shim):
-                self.say(texts.NOT_WATCHABLE)
-            elif self.chosen in rails.moved_mm:
-                self.say("WAIT: it is done and in the record. {align.again} measures again.")
-            elif rails.start(self.chosen):
-                self.say("Watching. Turn this screw only.")
-            else:
-                self.say("WAIT: the indicator shows no number.")
+            with self.app.complaining():
+                self.say(texts.WATCH[self.rails.watch()])
 
     @work
     async def action_as_asked(self) -> None:
         """Done by the number, without an indicator."""
-        assert self.round is not None, "offered in a round alone"
-        if self.chosen not in self.round.moved_mm and await self._may_move():
-            self.round.watching = self.chosen
-            self._done(self.round, watched=False)
+        if self.rails.chosen not in self.rails.moved_mm and await self._may_move():
+            self.rails.watching = self.rails.chosen
+            self._done(watched=False)
 
-    def _done(self, rails: Round, *, watched: bool) -> None:
-        changes: list[Changed] = []
-        if self.write(lambda: changes.append(rails.done(watched=watched))):
-            self.say(texts.moved_text(changes[0]))
+    def _done(self, *, watched: bool) -> None:
+        with self.writing():
+            self.say(texts.moved_text(self.rails.done(watched=watched)))
             self.action_choose(1)
 
     def action_turn(self, way: int) -> None:
-        assert self.round is not None, "offered in a round alone"
-        assert self.guided.turn is not None, "offered on a simulated machine alone"
-        if self.round.watching is None:
-            self.say("WAIT: {align.watch} watches the screw first.")
-            return
-        shim = self.round.aligned.shims[self.chosen]
-        self.guided.turn(RailMoved.by_shim(shim, way * TURN_MM), self.round.watch_step(shim))
+        if not self.rails.turn(way):
+            self.say(texts.WATCH_FIRST)
 
     def action_again(self) -> None:
         """Measure every step once more; without a move nothing is to be measured."""
         if self.round is not None and self.round.watching is not None:
-            self.say("WAIT: this screw is watched. {align.watch} when it is there.")
+            self.say(texts.IS_WATCHED)
         elif self.guided.step() is None:
-            self.say("Nothing was moved: the readings are valid. {align.finish} finishes.")
+            self.say(texts.NOTHING_MOVED)
         else:
             self.app.go_to(self.app.measuring(self.guided, self.plan))
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from typing import ClassVar, TypeVar
 
@@ -12,6 +13,7 @@ from textual import work
 from textual.screen import Screen
 
 from app.evaluating.solution import solve_files
+from app.measuring.attended import Attended
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
 from app.report.text import questions
@@ -33,7 +35,8 @@ class Corrections(MainScreen[None]):
     def __init__(self, guided: GuidedSession, plan: Plan) -> None:
         super().__init__()
         self.guided, self.plan = guided, plan
-        self.automatic = self.busy = self.asking = False
+        self.attended = Attended(guided)
+        self.busy = self.asking = False
 
     @abstractmethod
     def proceed(self) -> None:
@@ -64,14 +67,13 @@ class Corrections(MainScreen[None]):
         """Ask no or yes, in this order of the choices."""
         return await self.ask(ChoiceDialog(question, choices)) == choices[1][0]
 
-    def write(self, writing: Callable[[], object]) -> bool:
-        """Write to the record; where the disk refuses, say so."""
+    @contextmanager
+    def writing(self) -> Iterator[None]:
+        """Within this a disk that refuses is told, and what would follow it there is left out."""
         try:
-            writing()
+            yield
         except GlidecalError as problem:
             self.refused(str(problem))
-            return False
-        return True
 
     @work
     async def finish(self) -> None:
@@ -98,20 +100,21 @@ class Corrections(MainScreen[None]):
 
         Asks as B does where the stand has left it: then more than this step is measured again.
         """
-        self.automatic = False
+        self.attended.automatic = False
         last = self.guided.session.readings[-1].step if self.guided.session.readings else None
         if self.busy or last is None:
             return
         if len(self.guided.steps_repeated_with(last)) > 1:
             await self._bring_back(last)
-        elif self.write(self.guided.undo):
-            self.say(questions.next_again_text(self.guided.step()))
-            self.proceed()
+        else:
+            with self.writing():
+                self.say(questions.next_again_text(self.guided.undo()))
+                self.proceed()
 
     @work
     async def action_earlier(self) -> None:
         """Choose any earlier step: measure it again, or let superseded readings count again."""
-        self.automatic = False
+        self.attended.automatic = False
         session = self.guided.session
         steps = {r.step for r in session.all_readings} | set(session.skipped)
         points = [step for step in self.guided.steps if step.number in steps]
@@ -133,9 +136,8 @@ class Corrections(MainScreen[None]):
         why = session.superseded[max(r.reading for r in session.all_readings if r.step == step)]
         question = questions.RESTORE_QUESTION.format(step, why)
         if await self.agreed(question, questions.RESTORE_CHOICES):
-            restore = partial(self.guided.restore, step, "restored by the operator")
-            if self.write(restore):
-                counts = step in self.guided.session.done()
+            with self.writing():
+                counts = self.guided.restore(step, "restored by the operator")
                 self.say(questions.RESTORED[counts].format(step))
                 self.proceed()
 
@@ -147,7 +149,9 @@ class Corrections(MainScreen[None]):
         reason = await self.ask(TextDialog(question, "reason", without=as_before))
         if not reason:
             self.say(as_before.capitalize())
-        elif self.write(partial(writing, reason)):
+            return
+        with self.writing():
+            writing(reason)
             self.say(words.format(reason))
             self.proceed()
 
@@ -169,20 +173,22 @@ class Corrections(MainScreen[None]):
         """The stand was moved: later readings have a new zero. Asks first."""
         if self.busy or not await self.agreed(questions.MOVED_QUESTION, questions.MOVED_CHOICES):
             return
-        if self.write(self.guided.remount):
-            self.say("New set-up: readings from here on have a new zero")
+        with self.writing():
+            self.guided.remount()
+            self.say(questions.MOVED)
             self.proceed()
 
     @work
     async def action_leave(self) -> None:
         """Back to the home screen, with the session paused. Asks first."""
-        self.automatic = False
+        self.attended.automatic = False
         if self.busy or not await self.agreed(questions.LEAVE_QUESTION, questions.LEAVE_CHOICES):
             return
         self.app.run_worker(self.app.pause_session())
 
     @work
     async def action_note(self) -> None:
-        text = await self.ask(TextDialog("Note for the record.", "what happened"))
-        if text and self.write(partial(self.guided.note, text)):
-            self.say(f"Noted: {text}")
+        if text := await self.ask(TextDialog("Note for the record.", "what happened")):
+            with self.writing():
+                self.guided.note(text)
+                self.say(f"Noted: {text}")

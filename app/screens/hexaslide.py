@@ -10,21 +10,17 @@ from typing import ClassVar
 from textual import work
 from textual.binding import Binding, BindingType
 
-from app.planning.hexaslide import Request, hexaslide_planning
+from app.planning.hexaslide import Request, better_and_better, hexaslide_planning, measuring
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from app.report.text import hexaslide as texts
 from app.screens.interface import ChoiceDialog, TextDialog
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, once
-from calib.hexaslide.planning import KINDS, HexaSlideSeen, conditions_at, look_at
+from calib.hexaslide.planning import KINDS, HexaSlideSeen, look_at
 from calib.hexaslide.procedures import ProcedureKind
-from calib.hexaslide.search import BestPostures, Search, searches
+from calib.hexaslide.search import BestPostures
 
 MOST_POSTURES = 200
-
-
-class _Left(Exception):
-    """Nobody waits for the search any more."""
 
 
 class HexaSlideScreen(PagedScreen[None]):
@@ -113,10 +109,7 @@ class HexaSlideScreen(PagedScreen[None]):
         proposed = ",".join(self.request.measured or ("x", "y", "z", "theta"))
         text = await self.ask(TextDialog(texts.WHICH_COMPONENTS, "x,y,z,theta", proposed))
         if text:
-            measured = tuple(part.strip() for part in text.split(","))
-            linked = self.request.procedure == ProcedureKind.CONSTRAINT_LINK
-            kind = ProcedureKind.CONSTRAINT_LINK if linked else ProcedureKind.POSE_FORWARD
-            self._look(replace(self.request, procedure=kind, measured=measured))
+            self._look(measuring(self.request, text))
 
     @once("ask")
     async def action_machine(self) -> None:
@@ -154,21 +147,10 @@ class HexaSlideScreen(PagedScreen[None]):
     @work(group="search", description="search")  # as of `PagedScreen.look`
     async def _search(self, view: HexaSlideSeen, count: int) -> None:
         stopped = threading.Event()
-
-        def watch() -> None:
-            if stopped.is_set():
-                raise _Left
-
-        search = Search(seed=view.planned.seed)
+        steps = better_and_better(view, count, stopped.is_set)
         try:
             with self.app.complaining():
-                starts = searches(view.procedure, view.machine, count, search, watch)
-
-                def improved() -> tuple[BestPostures, dict[str, float]] | None:
-                    best = next(starts, None)
-                    return (best, conditions_at(view, best.coordinates)) if best else None
-
-                while step := await apart(self, improved):
+                while step := await apart(self, next, steps, None):
                     self.found, self._conditions = step
                     self._show_all()
         finally:  # a search does not outlive its worker, and that not its screen

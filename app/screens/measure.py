@@ -7,13 +7,13 @@ import gc
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import partial
 from typing import ClassVar
 
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 
+from app.measuring.attended import Press
 from app.measuring.doubts import TakenStep
 from app.measuring.gauges import Live, Motion
 from app.measuring.indicators import remember
@@ -21,10 +21,8 @@ from app.measuring.lost import LostIndicators
 from app.measuring.moving import Mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
-from app.measuring.unattended import lost_words, release_lost
 from app.report.text import motion, questions
 from app.report.text import session as texts
-from app.report.text.session import TakenBy
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog
 from app.screens.pages import KeyLine, Resting, apart, is_left
@@ -33,7 +31,6 @@ from calib.errors import GlidecalError
 from drivers.motion.states import State
 from protocols.clock import SleepWatch
 from protocols.expectation import Movement
-from protocols.procedure import Step
 
 GATHER_S = 0.015
 """One picture shows all that is heard within so long after the first news."""
@@ -50,12 +47,6 @@ ATTEND_S = 0.05
 
 AGES_S = 0.2
 """Ages and stale indicators are looked at so often."""
-
-HELD_KEY_S = 0.15
-"""Presses that follow this closely are one held key."""
-
-ANYWAY_S = 4.0
-"""How long a second press takes readings that still move."""
 
 
 class KeysInForce(KeyLine, Resting):
@@ -88,13 +79,9 @@ class MeasureScreen(Corrections, Resting):
     def __init__(self, guided: GuidedSession, plan: Plan) -> None:
         super().__init__(guided, plan)
         self.view = SessionView(plan.instruments)
-        self.held = False
         self.lost = LostIndicators(guided.gauges)
-        self._waits: tuple[int, Movement] | None = None
-        self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
+        self._moved_at = self._shown_at = 0.0
         self._sleep = SleepWatch()
-        self.automatic = guided.mover is not None
-        self._moving: tuple[object, ...] | None = None
 
     def compose(self) -> ComposeResult:
         yield self.view
@@ -112,21 +99,11 @@ class MeasureScreen(Corrections, Resting):
         self.proceed()
         self._follow()
         self.set_interval(AGES_S, self._look)
-        self.set_interval(ATTEND_S, self._attend)
+        self.set_interval(ATTEND_S, self._watch)
 
-    def _attend(self) -> None:
-        """Tell the controller's thread that the screens run, and look at the indicators.
-
-        Both stop a machine that nobody watches.
-        """
-        mover = self.guided.mover
-        if mover is None or self.guided.closed:
-            return
-        mover.alive()
-        self.write(self.guided.follow_proof)
-        if mover.line.may_move:
-            lost_words(self.guided)
-            release_lost(self.guided)
+    def _watch(self) -> None:
+        with self.writing():
+            self.attended.watch()
 
     @work
     async def _follow(self) -> None:
@@ -150,20 +127,17 @@ class MeasureScreen(Corrections, Resting):
             self._show_live()
 
     def _look(self) -> None:
-        now = time.monotonic()
         if slept_s := self._sleep.slept_s():
             self._set_hold(True, f"the computer slept for {slept_s:.0f} s")
-            self.say(texts.slept_text(slept_s, self._goes_on))
+            self.say(texts.slept_text(slept_s))
         if not self.busy:  # a take holds the record, and looks itself
-            self.write(self._look_at_clock)
+            with self.writing():
+                if jump_s := self.guided.look_at_clock():
+                    self.say(texts.clock_set_text(jump_s))
         if self.lost.is_due():
             self._look_at_lost()
-        if now - self._shown_at > AGES_S / 2:  # else news has just shown the ages
+        if time.monotonic() - self._shown_at > AGES_S / 2:  # else news has just shown the ages
             self._show_live()
-
-    def _look_at_clock(self) -> None:
-        if jump_s := self.guided.look_at_clock():
-            self.say(texts.clock_set_text(jump_s))
 
     def on_resize(self) -> None:
         self._show_step()
@@ -177,16 +151,13 @@ class MeasureScreen(Corrections, Resting):
             self._begin_finish()
 
     def _show_step(self) -> None:
-        session = self.guided.session
-        mode = "ON HOLD" if self.held else "automatic" if self.automatic else "by hand"
-        self.view.show_progress(texts.progress_text(session, self.guided.steps, mode))
-        by_hand = TakenBy.INDICATORS if self.automatic else TakenBy.HAND
-        by = TakenBy.CONTROLLER if self.guided.mover is not None else by_hand
-        self.view.show_step(session, self.guided.steps, self.guided.step(), by)
+        session, steps = self.guided.session, self.guided.steps
+        self.view.show_progress(texts.progress_text(session, steps, self.attended.mode))
+        self.view.show_step(session, steps, self.guided.step(), self.attended.taken_by)
         self._draw_live()  # in the same picture: a step takes long to draw, readings must not wait
 
     def _draw_live(self) -> Sequence[Live]:
-        states = [gauge.live() for gauge in self.guided.gauges]
+        states = self.attended.live()
         if self.busy or any(live.motion is not Motion.STABLE for live in states):
             self._moved_at = time.monotonic()
         if not isinstance(self.app.screen, LegReviewScreen):  # it lies over the digits
@@ -200,20 +171,18 @@ class MeasureScreen(Corrections, Resting):
         states = self._draw_live()
         asks = self._tell_motion()
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
-        if asks or self.asking or self.held or self.busy or not self.guided.there:
+        waits = asks or self.asking or self.busy or self.attended.on_hold
+        if waits or not self.guided.there:
             return
-        still = all(live.motion is Motion.STABLE for live in states)  # a fault is none
-        if self._anyway_until and still and self.ready_by_hand():
-            self._anyway_until = 0.0
-            self.say("The readings are stable now: {measure.take} takes them.")
+        if self.attended.settled(states):
+            self.say(texts.SETTLED)
+        step = self.guided.step()
         if any(pressed):
             self.action_take()
-        elif self.automatic and all(live.motion is Motion.STABLE for live in self._of_step(states)):
-            self._take_if_moved()
-
-    def _of_step(self, states: Sequence[Live]) -> Sequence[Live]:
-        step = self.guided.step()
-        return [states[k] for k in step.indicators] if step else states
+        elif (moved := self.attended.by_itself(states)) is Movement.SEEN:
+            self._begin_take()
+        elif moved and step:
+            self.say(texts.automatic_waits_text(moved, step, self.guided.session))
 
     @work
     async def _look_at_lost(self) -> None:
@@ -224,7 +193,7 @@ class MeasureScreen(Corrections, Resting):
         for news in await apart(self, self.lost.look):
             name = self.guided.name_of(news.number)
             if news.fault:
-                self._anyway_until = 0.0
+                self.attended.waits_for_press()
             if news.adapters:
                 before, now = news.adapters
                 self._set_hold(True, f"{name}: adapter {now or 'unknown'}, before {before}")
@@ -262,30 +231,26 @@ class MeasureScreen(Corrections, Resting):
 
         Whether something is asked now.
         """
-        mover = self.guided.mover
-        step = self.guided.step() if mover is not None else None
-        if mover is None or step is None or self.guided.closed:  # leaving stops it, too
+        mover, step = self.guided.mover, self.guided.step()
+        if not self.attended.motion_changed() or mover is None or step is None:
             return False
-        asks, wrong = (proof.question, proof.wrong) if (proof := mover.unproved) else ("", "")
-        there = mover.is_there(step)
-        news = mover.state, mover.why, there, mover.line.not_stopped, mover.proving, asks, wrong
-        if news == self._moving:
-            return False
-        self._moving = news
         self.say(motion.moving_text(mover, step))
         if mover.state is State.STOPPED or mover.interrupted:
             self._set_hold(True, f"the machine stopped: {mover.why}")
         if mover.interrupted:
             self._ask_what_happened(mover)
-        elif asks:
-            self._ask_what_moved(asks)
-        return mover.interrupted or bool(asks)
+        elif mover.unproved and mover.unproved.question:
+            self._ask_what_moved(mover.unproved.question)
+        else:
+            return False
+        return True
 
     @work
     async def _ask_what_moved(self, question: str) -> None:
         answer = await self.ask(ChoiceDialog(question, motion.SAW_CHOICES))
         if answer is not None:
-            self.write(partial(self.guided.answer_proof, yes=answer == "yes"))
+            with self.writing():
+                self.guided.answer_proof(yes=answer == "yes")
 
     @work
     async def _ask_what_happened(self, mover: Mover) -> None:
@@ -293,133 +258,91 @@ class MeasureScreen(Corrections, Resting):
             await self.ask(MotionDialog(mover), over=True)
             self._show_step()
 
-    def _take_if_moved(self) -> None:
-        """Take what stands still where it tells of a move; else say once why not."""
-        step, moved = self.guided.step(), self.guided.moved()
-        if moved is Movement.SEEN or step is None:
-            self._begin_take()
-        elif (step.number, moved) != self._waits:
-            self._waits = step.number, moved
-            self.say(texts.automatic_waits_text(moved, step, self.guided.session))
-
     def action_take(self) -> None:
         """Read the indicators for the present step; twice to take readings that still move."""
-        now = time.monotonic()
-        is_held, self._pressed_at = now - self._pressed_at < HELD_KEY_S, now
-        if is_held or self.busy:
-            return
+        press = self.attended.press(busy=self.busy)
         mover, step = self.guided.mover, self.guided.step()
-        if self.held:
-            self.say(f"WAIT: on hold, nothing is taken. Press {{{self._goes_on}}} to continue.")
-        elif mover is not None and step is not None and not mover.is_there(step):
-            self.say(motion.moving_text(mover, step))
-        elif step is None:
-            self._begin_finish()
-        elif now < self._anyway_until or self.ready_by_hand():
+        if press is Press.TAKES:
             self._begin_take()
-        else:
-            self._anyway_until = now + ANYWAY_S
-            self.say("WAIT: the readings move. Press {measure.take} again to take them anyway.")
-
-    def ready_by_hand(self) -> bool:
-        """Whether a single press takes: nothing moves, or there is a fault to be shown."""
-        moving = (Motion.MOVING, Motion.WAITING)
-        states = [gauge.live() for gauge in self.guided.gauges]
-        return all(live.motion not in moving for live in self._of_step(states))
+        elif press is Press.ENDS:
+            self._begin_finish()
+        elif press is Press.NOT_THERE and mover is not None and step is not None:
+            self.say(motion.moving_text(mover, step))
+        elif press in texts.PRESSED:
+            self.say(texts.PRESSED[press])
 
     def _begin_take(self) -> None:
         if not self.busy:
-            self.busy, self._anyway_until = True, 0.0
+            self.busy = True
+            self.attended.waits_for_press()
             self._take()
 
     @work
     async def _take(self) -> None:
-        try:
+        with self.writing():
             step_taken = await apart(self, self.guided.take)
-        except GlidecalError as problem:
-            self.refused(str(problem))
-            return
-        self.busy = False
-        if step_taken is None:
-            return
-        if step_taken.faults:
-            self.refused(texts.not_taken_text(step_taken.faults))
-            return
-        self.app.bell()
-        self.say(texts.taken_text(step_taken))
-        if step_taken.doubt:
-            self._by_hand()
-            self._show_step()
-            question = questions.question_text(step_taken, self.guided.session)
-            choices = questions.question_choices(step_taken)
-            dialog = ChoiceDialog(question, choices, leaving=questions.NOT_KEPT)
-            answer = await self.ask(dialog, over=True)
-            await self._answered(answer or "", step_taken)
-        else:
-            await self._go_on(step_taken.step)
+            self.busy = False
+            if step_taken is not None and step_taken.faults:
+                self.refused(texts.not_taken_text(step_taken.faults))
+            elif step_taken is not None:
+                self.app.bell()
+                self.say(texts.taken_text(step_taken))
+                await (self._question if step_taken.doubt else self._go_on)(step_taken)
 
-    async def _answered(self, answer: str, step_taken: TakenStep) -> None:
+    async def _question(self, step_taken: TakenStep) -> None:
+        """Readings in doubt wait for an answer."""
+        self.attended.by_hand()
+        self._show_step()
+        question = questions.question_text(step_taken, self.guided.session)
+        choices = questions.question_choices(step_taken)
+        dialog = ChoiceDialog(question, choices, leaving=questions.NOT_KEPT)
+        answer = await self.ask(dialog, over=True) or ""
         reason = questions.answer_reason(answer, step_taken)
-        unsure: list[int] = []  # steps that are measured again for a new zero
-        if not self.write(lambda: unsure.extend(self.guided.answer(answer, step_taken, reason))):
-            return
+        # steps that are measured again for a new zero
+        unsure = self.guided.answer(answer, step_taken, reason)
         self.say(questions.answered_text(answer, step_taken, unsure))
         if answer == "keep":
-            await self._go_on(step_taken.step)
+            await self._go_on(step_taken)
         elif answer == "read":  # without moving: what is stable stays so
             self._show_step()
         else:
             self.proceed()
 
-    async def _go_on(self, step: Step) -> None:
+    async def _go_on(self, step_taken: TakenStep) -> None:
         """To the next step; after the last one of a leg its review comes between."""
-        following = self.guided.step()
+        following, step = self.guided.step(), step_taken.step
         if following is None or self.guided.session.is_new_place(following):
-            unattended = self.automatic and self.plan.simulated
+            unattended = self.attended.automatic and self.plan.simulated
             rests_mm = [self.guided.gauges[k].rest_mm for k in step.indicators]
             review = LegReviewScreen(self.guided.session, step, rests_mm, unattended=unattended)
-            if await self.ask(review, over=True) and not self.held:
+            if await self.ask(review, over=True) and not self.attended.on_hold:
                 self.action_hold()
         self.proceed()
 
     def refused(self, text: str) -> None:
-        self._by_hand()
+        self.attended.by_hand()
         super().refused(text)
         self._show_step()
 
     def say(self, text: str, *, wrong: bool = False) -> None:
-        self.view.say(self.app.keyed(text))
-
-    @property
-    def _goes_on(self) -> str:
-        """The id of the key that ends a hold."""
-        return "measure.hold" if self.guided.mover is None else "measure.go"
-
-    def _by_hand(self) -> None:
-        """Nothing is taken, and nothing moves, without a key."""
-        self.automatic = False
-        if self.guided.mover is not None:
-            self.guided.mover.release()
+        goes_on = "{measure.hold}" if self.guided.mover is None else "{measure.go}"
+        self.view.say(self.app.keyed(text.replace("{goes_on}", goes_on)))
 
     def action_automatic(self) -> None:
         """Take by itself whenever all indicators stand still."""
-        self.automatic, self._waits = not self.automatic, None
+        self.attended.take_by_itself(not self.attended.automatic)
         self._show_step()
 
     def action_hold(self) -> None:
         """Nothing is taken until the same key again; a machine that moves itself needs G."""
-        if self.held and self.guided.mover is not None:
-            self.say("On hold. Press {measure.go} to continue.")
-            return
-        self._set_hold(not self.held, "on hold" if not self.held else "continued")
-        again = f"On hold. Press {{{self._goes_on}}} to continue."
-        self.say(again if self.held else "The session continues.")
+        on_hold = self.attended.on_hold
+        if not on_hold or self.guided.mover is None:
+            self._set_hold(not on_hold, "continued" if on_hold else "on hold")
+        self.say(texts.ON_HOLD if self.attended.on_hold else texts.CONTINUED)
 
-    def _set_hold(self, held: bool, note: str) -> None:
-        if held and self.guided.mover is not None:
-            self.guided.mover.release()
-        if self.write(partial(self.guided.note, note)):
-            self.held = held
+    def _set_hold(self, on_hold: bool, note: str) -> None:
+        with self.writing():
+            self.attended.hold(on_hold, note)
             self._show_step()
 
     def action_go(self) -> None:
@@ -434,7 +357,8 @@ class MeasureScreen(Corrections, Resting):
         elif mover.unproved and mover.unproved.question:
             self._ask_what_moved(mover.unproved.question)
         elif mover.consent():
-            self.held, self.automatic, self._waits = False, True, None
+            self.attended.on_hold = False
+            self.attended.take_by_itself(True)
             self._show_step()
         else:
             self.say(motion.no_consent_text(mover))
@@ -446,7 +370,8 @@ class MeasureScreen(Corrections, Resting):
             mover.confirm_homed()
         elif answer == "home":
             mover.home()
-        self.write(partial(self.guided.note, f"homing: {answer or 'not answered'}"))
+        with self.writing():
+            self.guided.note(f"homing: {answer or 'not answered'}")
 
     def action_plot(self) -> None:
         self.view.turn_page()
@@ -464,5 +389,5 @@ class MeasureScreen(Corrections, Resting):
             self.app.go_to(AlignScreen(self.guided, self.plan))
         elif not self.busy:
             self.busy = True
-            self.say("Every reading is on the disk. Computing the result …")
+            self.say(texts.COMPUTING)
             self.finish()

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import re
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any, ParamSpec, Self, TypeVar
 
 from rich.segment import Segment
-from textual import work
 from textual.app import ComposeResult
 from textual.color import Color
 from textual.content import Content
@@ -20,34 +18,23 @@ from textual.timer import Timer
 from textual.widget import Widget
 from textual.widgets import Footer, Static
 
+from app.report.charts.colours import legible_on
+from app.report.text.signals import signals_in
 from app.screens.keys import bindings_of
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
 
-GOOD, CAUTION, FAULT = (f"bold $text-{name}" for name in ("success", "warning", "error"))
-SIGNALS = {
-    "Next:": "bold $text-primary",
-    **dict.fromkeys(("AGREES.", "EXPLAINED.", "PASS", "Taken"), GOOD),
-    **dict.fromkeys(("✓ The plate is done.", *(f"✓ Leg {leg} is done." for leg in "XYZ")), GOOD),
-    **dict.fromkeys(("WARNING:", "AMBIGUOUS.", "PARTLY-EXPLAINED.", "CANNOT-TELL."), CAUTION),
-    **dict.fromkeys(("LEFT OUT:", "WEAK:", "SUSPECT:", "LOST:", "UNDECIDED", "WAIT:"), CAUTION),
-    **dict.fromkeys(("UNEXPLAINED.", "FAIL", "Not taken:", "FAULT:"), FAULT),
-}
-"""Words at the beginning of a line that stand out; a colour never stands for a word."""
-
 COLOURS_OF_WORDS = tuple(
     f"text-{name}" for name in ("success", "warning", "error", "primary", "secondary", "accent")
 )
-LEGIBLE = 4.5
-"""Least contrast of a signal word with its ground (WCAG 2.1, 1.4.3)."""
 
 
 def signalled(text: str) -> Content:
     """The text with its signal words in their colours."""
     content = Content(text)
-    for word in re.finditer(rf"^({'|'.join(map(re.escape, SIGNALS))})", text, re.MULTILINE):
-        content = content.stylize(SIGNALS[word[0]], *word.span())
+    for signal, start, end in signals_in(text):
+        content = content.stylize(f"bold $text-{signal}", start, end)
     return content
 
 
@@ -70,16 +57,20 @@ async def apart(
             raise asyncio.CancelledError
 
 
-def once(group: str) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Callable[..., None]]:
-    """A worker of a screen for a key that may be held: one of a group at a time."""
+def once(
+    group: str, *, outlives: bool = False
+) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Callable[..., None]]:
+    """A worker of a screen for a key that may be held: one of a group at a time.
+
+    It is cancelled where the screen is left, but for one that ``outlives`` it.
+    """
 
     def decorated(action: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
-        begin = work(group=group, description=group)(action)
-
         def begin_once(screen: Screen[Any], *given: object) -> None:
-            workers = [w for w in screen.workers if w.node is screen and w.group == group]
-            if all(worker.is_finished for worker in workers):
-                begin(screen, *given)
+            node = screen.app if outlives else screen
+            workers = [worker for worker in node.workers if worker.group == group]
+            if all(worker.is_finished for worker in workers if worker.node is node):
+                node.run_worker(action(screen, *given), group=group, description=group)
 
         return begin_once
 
@@ -204,27 +195,13 @@ class RowFrame:
         return Strip([*self._before, *strip, *self._behind], self._whole_width)
 
 
-def contrast(first: Color, second: Color) -> float:
-    """Contrast of two colours, 1 to 21 (WCAG 2.1)."""
-    darker, lighter = sorted((_luminance(first), _luminance(second)))
-    return (lighter + 0.05) / (darker + 0.05)
-
-
-def _luminance(colour: Color) -> float:
-    linear = (
-        v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in colour.normalized
-    )
-    return sum(map(float.__mul__, (0.2126, 0.7152, 0.0722), linear))
-
-
 def legible(variables: Mapping[str, str]) -> dict[str, str]:
     """Colours of words and points, nearer to that of text where a theme has them too pale."""
     text, *grounds = (Color.parse(variables[v]) for v in ("foreground", "background", "surface"))
     colours = {}
     for name in COLOURS_OF_WORDS:
         theirs = Color.parse(variables[name])
-        nearer = (theirs.blend(text, tenth / 10.0, 1.0) for tenth in range(11))
-        clear = (c for c in nearer if min(contrast(c, ground) for ground in grounds) >= LEGIBLE)
         if theirs.ansi is None:  # else the terminal chooses
-            colours[name] = next(clear, text).hex
+            nearer = legible_on([ground.rgb for ground in grounds], theirs.rgb, text.rgb)
+            colours[name] = Color(*nearer).hex
     return colours

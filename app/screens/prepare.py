@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from functools import partial
 from threading import Event
@@ -13,6 +14,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.content import Content
 from textual.events import ScreenResume
+from textual.screen import ScreenResultType
 from textual.widget import Widget
 from textual.widgets import Input, Label, Select, Static
 
@@ -20,25 +22,56 @@ from app.measuring.indicators import (
     DEFAULT_PROFILE,
     asked_of,
     indicator_of,
-    port_is_gone,
     serial_ports,
 )
-from app.measuring.preparation import AXES, USUAL, Form, Preparation, procedures_of, retyped
+from app.measuring.preparation import (
+    AXES,
+    USUAL,
+    Form,
+    Preparation,
+    best_fit,
+    procedures_of,
+    retyped,
+)
 from app.report.text import home as texts
 from app.report.text.indicator import findings_text, trial_text
-from app.report.text.preparing import procedure_sentence
+from app.report.text.preparing import indicator_lines, prepared_text
 from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.interface import MainScreen
 from app.screens.pages import apart
 from calib.errors import GlidecalError, IndicatorError
 from drivers.doctor import Trials, findings_of, refused, try_profiles
-from drivers.profile import Evidence, Query, Unit
+from drivers.profile import Query, Unit
 from drivers.profiles import PROFILES
 from protocols.documents import MOST_LETTERS
 from protocols.machine import Machine
 
 
-class IndicatorScreen(MainScreen[Form]):
+class FormScreen(MainScreen[ScreenResultType]):
+    """Fields one below the other, and below them a line on what they say."""
+
+    def content(self) -> ComposeResult:
+        with VerticalScroll(id="form"):
+            yield from self.fields()
+            yield Static("", id="summary", markup=False)
+
+    @abstractmethod
+    def fields(self) -> ComposeResult:
+        """A row for each."""
+
+    def typed(self) -> dict[str, str]:
+        """What the fields say now: a key may come before the news of what was typed."""
+        fields = {str(f.id): f.value for f in (*self.query(Input), *self.query(Select))}
+        return {name: value.strip() for name, value in fields.items() if isinstance(value, str)}
+
+    def summary(self, text: str) -> None:
+        self.query_one("#summary", Static).update(self.app.keyed(text))
+
+    def on_input_submitted(self) -> None:
+        self.focus_next()
+
+
+class IndicatorScreen(FormScreen[Form]):
     """A form that keeps what was typed however it is left; no port is opened unasked."""
 
     HELP = texts.INDICATOR_HELP
@@ -54,28 +87,27 @@ class IndicatorScreen(MainScreen[Form]):
         self._answered = answered  # which profiles fit at a port, as long as the program runs
         self._stop: Event | None = None
 
-    def content(self) -> ComposeResult:
+    def fields(self) -> ComposeResult:
         values = USUAL | self._form
         along = dict.fromkeys([*AXES, str(values["axes"])])
         here = [(texts.port_label(*entry, self._answered), entry[0]) for entry in serial_ports()]
         profiles = texts.profile_rows(PROFILES.values())
-        with VerticalScroll(id="form"):
-            yield from row("Ports here", choice("here", here, prompt=texts.ports_here(len(here))))
-            yield from self._input("port")
-            chosen, prompt = values.get("profile"), self.app.keyed(texts.PROFILE_PROMPT)
-            yield from row("Profile", choice("profile", profiles, chosen, prompt))
-            rows = [(texts.axes_words(entry), entry) for entry in along]
-            yield from row("Measures along", choice("axes", rows, values["axes"]))
-            units = [(entry.value, entry.value) for entry in Unit]
-            yield from row("Unit of the display", choice("unit", units, values["unit"]))
-            for name in ("channel", "serial_number", "certificate", "certificate_date"):
-                yield from self._input(name)
-            yield Static(self.app.keyed(texts.TRY_HINT), id="summary", markup=False)
+        yield from row("Ports here", choice("here", here, prompt=texts.ports_here(len(here))))
+        yield from self._input("port")
+        chosen, prompt = values.get("profile"), self.app.keyed(texts.PROFILE_PROMPT)
+        yield from row("Profile", choice("profile", profiles, chosen, prompt))
+        rows = [(texts.axes_words(entry), entry) for entry in along]
+        yield from row("Measures along", choice("axes", rows, values["axes"]))
+        units = [(entry.value, entry.value) for entry in Unit]
+        yield from row("Unit of the display", choice("unit", units, values["unit"]))
+        for name in ("channel", "serial_number", "certificate", "certificate_date"):
+            yield from self._input(name)
 
     def _input(self, name: str) -> ComposeResult:
         yield from entry(name, *texts.INDICATOR_FIELDS[name], str(self._form.get(name, "")))
 
     def on_mount(self) -> None:
+        self.summary(texts.TRY_HINT)
         first = "#here" if serial_ports() and not self._form.get("port") else "#port"
         self.query_one(first).focus()
 
@@ -86,34 +118,14 @@ class IndicatorScreen(MainScreen[Form]):
 
     def on_input_changed(self) -> None:
         before = self._form
-        if self._read() != before:
-            self._say_what_is_wrong()
-
-    def on_input_submitted(self) -> None:
-        self.focus_next()
+        if self._read() != before and self._stop is None:
+            self.summary(texts.form_problem(self._form) or texts.TRY_HINT)
 
     def _read(self) -> Form:
-        """What stands in the form now: a key may come before the news of what was typed."""
-        fields = {str(f.id): f.value for f in (*self.query(Input), *self.query(Select))}
-        typed = {n: v.strip() for n, v in fields.items() if isinstance(v, str) and n != "here"}
+        typed = self.typed()
+        typed.pop("here", None)
         self._form = retyped(self._form, typed)
         return self._form
-
-    def _say_what_is_wrong(self) -> None:
-        """Of what was typed; what is still to be typed is not wrong."""
-        if self._stop is not None:
-            return
-        port, text = str(self._form.get("port", "")), ""
-        try:
-            if port and self._form.get("profile"):
-                indicator_of(self._form)
-            text = texts.PORT_GONE.format(port) if port and port_is_gone(port) else ""
-        except GlidecalError as problem:
-            text = str(problem)
-        self._say(text or texts.TRY_HINT)
-
-    def _say(self, text: str) -> None:
-        self.query_one("#summary", Static).update(self.app.keyed(text))
 
     def action_leave(self) -> None:
         """Stop trying, or go back with what stands here."""
@@ -135,7 +147,8 @@ class IndicatorScreen(MainScreen[Form]):
     @work
     async def _try(self, port: str, asked: Query, stop: Event) -> None:
         def tell(*trial: object) -> None:
-            self.app.call_from_thread(self._say, f"{texts.TRYING}\n{trial_text(*trial)}")  # type: ignore[arg-type]
+            words = f"{texts.TRYING}\n{trial_text(*trial)}"  # type: ignore[arg-type]
+            self.app.call_from_thread(self.summary, words)
 
         job = partial(try_profiles, PROFILES.values(), progress=tell, stopped=stop.is_set)
         try:
@@ -149,21 +162,19 @@ class IndicatorScreen(MainScreen[Form]):
         finally:  # the screen may be gone, and its worker with it
             stop.set()
         self._stop = None
-        self._say(text)
+        self.summary(text)
 
     def _propose(self, port: str, trials: Trials) -> None:
-        """Put the profiles that fit first; take one that somebody verified, unless one is taken."""
+        """Put the profiles that fit first, and take one."""
         fitting = [fit.profile for fit in trials.fits]
         if not fitting:
             return
         self._answered[port] = ", ".join(profile.name for profile in fitting)
-        best = min(fitting, key=lambda profile: profile.verified is Evidence.UNVERIFIED).name
-        chosen = self._form.get("profile")
         other_profiles = [profile for profile in PROFILES.values() if profile not in fitting]
         profiles = self.query_one("#profile", Select)
         rows = [*texts.profile_rows(fitting, "fits: "), *texts.profile_rows(other_profiles)]
         profiles.set_options((Content(words), name) for words, name in rows)
-        profiles.value = str(chosen) if chosen in [profile.name for profile in fitting] else best
+        profiles.value = best_fit(fitting, self._form.get("profile"))
         self._read()
 
 
@@ -203,7 +214,7 @@ class IndicatorField(Static, can_focus=True):
             self.screen.action_choose()
 
 
-class PrepareScreen(MainScreen[None]):
+class PrepareScreen(FormScreen[None]):
     """A form; F5 goes on to the instrument check. What was typed stays, however it is left."""
 
     HELP = texts.PREPARE_HELP
@@ -224,16 +235,14 @@ class PrepareScreen(MainScreen[None]):
         self._usual = self._offered_for.usual_procedure
         self._answered: dict[str, str] = {}
 
-    def content(self) -> ComposeResult:
-        with VerticalScroll(id="form"):
-            for field in (texts.MACHINE, *texts.IDENTITY):
-                yield from entry(*field)
-            yield from row("Procedure", choice("procedure", _procedures(self._offered_for)))
-            for name, words in zip(INDICATORS, texts.WHICH_INDICATOR, strict=True):
-                yield from row(words, IndicatorField(id=name, markup=False))
-            for field in texts.FIELDS:
-                yield from entry(*field)
-            yield Static("", id="summary", markup=False)
+    def fields(self) -> ComposeResult:
+        for field in (texts.MACHINE, *texts.IDENTITY):
+            yield from entry(*field)
+        yield from row("Procedure", choice("procedure", _procedures(self._offered_for)))
+        for name, words in zip(INDICATORS, texts.WHICH_INDICATOR, strict=True):
+            yield from row(words, IndicatorField(id=name, markup=False))
+        for field in texts.FIELDS:
+            yield from entry(*field)
 
     def on_mount(self) -> None:
         for name, words in texts.FIELD_HELP.items():
@@ -244,34 +253,19 @@ class PrepareScreen(MainScreen[None]):
     @on(ScreenResume)
     def summarise(self) -> None:
         """What the form says now; ports may have come or gone on, too."""
-        parts, none = [], texts.NO_INDICATOR
-        prepared = self._read()
         try:
-            machine = prepared.machine()
+            machine = self._read().machine()
             self._offer(machine)
             self._propose(machine)
-            procedure = self._read().procedure(machine)
-            none = texts.NO_INDICATOR if procedure.plate is None else texts.NO_INDICATOR_AT_PLATE
-            axes = [instrument.axes for instrument in prepared.some_instruments(procedure)]
-            parts.append(procedure_sentence(procedure, machine.geometry(), axes))
-            if any(prepared.forms):
-                prepared.plan(texts.CHOOSE_INDICATOR)
-            else:
-                parts.append(texts.CHOOSE_INDICATOR)
+            text = prepared_text(self._read())
         except GlidecalError as problem:
-            parts.append(str(problem))
-        self.query_one("#summary", Static).update("\n".join(parts))
-        for name, form, without in zip(INDICATORS, prepared.forms, none, strict=True):
-            gone = port_is_gone(str(form.get("port", "")))
-            words = texts.form_words(form, prepared.source, gone=gone) if form else without
+            text = str(problem)
+        self.query_one("#summary", Static).update(text)
+        for name, words in zip(INDICATORS, indicator_lines(self._prepared), strict=True):
             self.query_one(f"#{name}", IndicatorField).update(self.app.keyed(words))
 
-    def on_input_submitted(self) -> None:
-        self.focus_next()
-
     def _read(self) -> Preparation:
-        fields = (*self.query(Input), *self.query(Select))
-        self._prepared.typed = {str(field.id): str(field.value).strip() for field in fields}
+        self._prepared.typed = self.typed()
         return self._prepared
 
     def _offer(self, machine: Machine) -> None:

@@ -13,9 +13,9 @@ from textual.events import Resize
 from textual.widgets import Log
 
 from app.evaluating.solution import solve_files
+from app.measuring.attended import TakenBy
 from app.measuring.playback import Playback
 from app.report.text import replay as texts
-from app.report.text.session import TakenBy
 from app.screens.interface import MainScreen, TextDialog
 from app.screens.pages import apart, last_lines, once
 from app.screens.session_view import SessionView

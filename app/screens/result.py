@@ -123,10 +123,8 @@ class ResultScreen(PagedScreen[None]):
                 self.solved = self.solved.with_subset(subset)
                 self._show()
 
-    def action_export(self) -> None:
-        self.app.run_worker(self._export())
-
-    async def _export(self) -> None:
+    @once("export", outlives=True)
+    async def action_export(self) -> None:
         """What was written is said in passing, what to beware of stays on the page."""
         folder = self.path.with_suffix("")
         written = await self.app.written(partial(export_offsets, self.solved, folder))
@@ -144,23 +142,12 @@ class ResultScreen(PagedScreen[None]):
             if self.plan is not None:
                 self.app.push_screen(self.app.check(verification_plan(self.plan, self.solved)))
 
-    def action_report(self) -> None:
+    @once("report", outlives=True)
+    async def action_report(self) -> None:
         self.app.notify(texts.WRITING_REPORT)
-        self.app.run_worker(self._report())
-
-    async def _report(self) -> None:
-        target = self.path.with_suffix(".html")
-        if await self.app.written(partial(self._write_report, target)):
+        target, verifies = self.path.with_suffix(".html"), self.solved.sessions[0].opened.verifies
+        if await self.app.written(partial(_report, self.path, verifies, target)):
             self.app.notify(texts.REPORT_WRITTEN.format(target.name))
-
-    def _write_report(self, target: Path, *, replace: bool) -> bool:
-        with extra("glidecal report", "report"):
-            from app.report.pages.report import source_of_legs, write_report
-        first = partner_of(self.path, self.solved.sessions[0].opened.verifies)
-        after = self.path if first else None
-        source = partial(source_of_legs, [first or self.path], after=after)
-        write_report(source, target, replace=replace)
-        return True
 
     @once("what-if")
     async def action_what_if(self) -> None:
@@ -188,6 +175,14 @@ class ResultScreen(PagedScreen[None]):
     def action_diagnose(self) -> None:
         self._did(Done.DIAGNOSED)
         self.app.push_screen(self.app.diagnosis([self.path]))
+
+
+def _report(path: Path, verifies: str | None, target: Path, *, replace: bool) -> Path:
+    with extra("glidecal report", "report"):
+        from app.report.pages.report import source_of_legs, write_report
+    first = partner_of(path, verifies)
+    source = partial(source_of_legs, [first or path], after=path if first else None)
+    return write_report(source, target, replace=replace)
 
 
 def result_of(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Collection, Sequence
 from functools import lru_cache, partial
+from itertools import zip_longest
 from typing import ClassVar
 
 from rich.segment import Segment
@@ -18,7 +19,8 @@ from textual.selection import Selection
 from textual.strip import Strip
 from textual.widgets import Static
 
-from app.measuring.gauges import Live, Motion, Trace
+from app.measuring.attended import TakenBy
+from app.measuring.gauges import Live, Motion
 from app.measuring.indicators import ports_to_choose
 from app.measuring.leg_review import review_leg
 from app.measuring.moving import Mover
@@ -71,10 +73,9 @@ class GaugeDisplay(Resting):
         super().__init__(id=f"gauge{number}", classes="gauge")
         self._index = number
         self.name_it(instrument)
-        self.number, self.state = NO_NUMBER, ""
-        self.digits = big_digits(NO_NUMBER)
+        self.number, self.rows, self.digits = NO_NUMBER, list[str](), big_digits(NO_NUMBER)
+        self._live: Live | None = None
         self.strip: tuple[str, ...] = ()
-        self._motion: Motion | None = None
         self._strip_at = 0.0
 
     def name_it(self, instrument: Instrument | None, axis: str = "") -> None:
@@ -89,72 +90,56 @@ class GaugeDisplay(Resting):
         self.border_subtitle = Content(self._port)
 
     def on_resize(self) -> None:
-        self.digits, self._strip_at = self._digits(), 0.0
+        self._strip_at = 0.0
+        if self._live is not None:
+            self.rows = self._drawn(self._live)
         self.refresh()
-
-    def _digits(self) -> tuple[str, ...]:
-        large, room = large_digits(self.number), self.size
-        fits = room.height > len(large) + LEAST_STRIP_ROWS and len(large[0]) <= room.width
-        return large if fits else big_digits(self.number)
 
     def show(self, live: Live) -> None:
         """Show what the indicator tells now; only rows that changed are drawn again."""
-        number, state = shown_number(live), state_words(live)
-        if number != self.number:
-            self.number, rows = number, len(self.digits)
-            self.digits = self._digits()
-            if len(self.digits) == rows:
-                self.redraw(0, rows)
-            else:
-                self.on_resize()
-        if state != self.state:
-            self.state = state
-            self.redraw(len(self.digits), 1)
-            if Motion.FAULT in (live.motion, self._motion):
-                self.refresh()
-        if live.motion is not self._motion:
-            self._motion = live.motion
+        before, self._live = self._live, live
+        rows_before, self.rows = self.rows, self._drawn(live)
+        motions = {live.motion, before.motion if before else None}
+        if len(motions) > 1:
             self.set_classes(f"gauge {live.motion.value}")
-        pace_s = RESTING_STRIP_S if live.motion is Motion.STABLE else STRIP_S
-        if time.monotonic() - self._strip_at > pace_s:
-            self._draw_strip(live.trace())
+        if len(motions) > 1 and Motion.FAULT in motions:
+            self.refresh()
+        else:
+            pairs = enumerate(zip_longest(rows_before, self.rows))
+            if changed := [y for y, (row_before, row) in pairs if row_before != row]:
+                self.redraw(changed[0], 1 + changed[-1] - changed[0])
         assumed = isinstance(live.outcome, IndicatorReading) and live.outcome.unit_assumed
         if assumed != self._assumed:
             self._assumed = assumed
             words = [self._port, "mm assumed"] if assumed else [self._port]
             self.border_subtitle = Content(", ".join(filter(None, words)))
 
+    def _drawn(self, live: Live) -> list[str]:
+        """Digits, state and strip chart; of a fault its words alone, cut between them."""
+        self.number, (width, height) = shown_number(live), self.size
+        if live.motion is Motion.FAULT:
+            return [row.plain for row in Content(state_words(live)).wrap(max(1, width))]
+        large = large_digits(self.number)
+        fits = height > len(large) + LEAST_STRIP_ROWS and len(large[0]) <= width
+        self.digits = large if fits else big_digits(self.number)
+        indent = " " * (max(0, width - len(self.digits[0])) // 2)
+        pace_s = RESTING_STRIP_S if live.motion is Motion.STABLE else STRIP_S
+        if time.monotonic() - self._strip_at > pace_s:
+            self._strip_at = time.monotonic()
+            self.strip = strip_rows(live.trace(), width, max(0, height - len(self.digits) - 1))
+        digits = (f"{indent}{row}".ljust(width) for row in self.digits)
+        return [*digits, state_words(live), *self.strip]
+
     def render_line(self, y: int) -> Strip:
-        """One row; the look of border and ground comes from the style sheet."""
+        """One row; the look of border and ground comes from the style sheet. No control codes."""
+        is_chart = y > len(self.digits) and self._live and self._live.motion is not Motion.FAULT
         ground = self.visual_style.rich_style
-        if self._motion is Motion.FAULT:  # its words in the place of digits and trend
-            rows = self._state_rows()
-            return Strip([Segment(rows[y] if y < len(rows) else "", ground)])
-        y_of_state = len(self.digits)
-        if y < y_of_state:
-            row, width = self.digits[y], self.size.width
-            indent = max(0, width - len(row)) // 2
-            return Strip([Segment((" " * indent + row).ljust(width), ground)])
-        if y == y_of_state:
-            return Strip([Segment(self._state_rows()[0], ground)])
-        chart = self.strip[y - y_of_state - 1 :][:1]
-        return Strip(Segment(row, self.get_component_rich_style("gauge--strip")) for row in chart)
+        style = self.get_component_rich_style("gauge--strip") if is_chart else ground
+        row = "".join(filter(str.isprintable, self.rows[y])) if y < len(self.rows) else ""
+        return Strip([Segment(row, style)])
 
     def get_selection(self, selection: Selection) -> tuple[str, str] | None:
         return self.number, "\n"
-
-    def _draw_strip(self, trace: Trace) -> None:
-        above = len(self.digits) + 1
-        rows = strip_rows(trace, self.size.width, max(0, self.size.height - above))
-        self._strip_at = time.monotonic()
-        if rows != self.strip:
-            self.strip = rows
-            self.redraw(above, len(rows))
-
-    def _state_rows(self) -> list[str]:
-        """The state in rows, cut between words; never control codes."""
-        rows = Content(self.state).wrap(max(1, self.size.width))
-        return ["".join(filter(str.isprintable, row.plain)) for row in rows] or [""]
 
 
 class SideBySide(Horizontal, Resting):
@@ -226,7 +211,7 @@ class SessionView(Vertical, Resting):
         self.query_one("#progress", Static).update(text, layout=False)
 
     def show_step(
-        self, session: Session, steps: Sequence[Step], step: Step | None, by: texts.TakenBy
+        self, session: Session, steps: Sequence[Step], step: Step | None, by: TakenBy
     ) -> None:
         """The present step and who takes it, the list around it, the leg so far."""
         self.query_one(StepList).show(session, steps, step)

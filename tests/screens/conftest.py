@@ -16,7 +16,7 @@ __all__ = ["same_readings_same_posterior"]
 @pytest.fixture(autouse=True)
 def _fast_fingers(monkeypatch: pytest.MonkeyPatch) -> None:
     """The pilot presses faster than a held key repeats."""
-    monkeypatch.setattr("app.screens.measure.HELD_KEY_S", 0.0)
+    monkeypatch.setattr("app.measuring.attended.HELD_KEY_S", 0.0)
 
 
 @pytest.fixture(autouse=True)

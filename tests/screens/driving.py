@@ -16,6 +16,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import Input, Select, Static
 
+from app.measuring.attended import HELD_KEY_S
 from app.measuring.demo import demo_plan
 from app.measuring.doubts import Doubt, TakenStep
 from app.measuring.plan import Plan
@@ -24,7 +25,7 @@ from app.screens.hexaslide import HexaSlideScreen
 from app.screens.hexaslide_result import HexaSlideResultScreen
 from app.screens.history import HistoryScreen
 from app.screens.interface import Interface
-from app.screens.measure import HELD_KEY_S, MeasureScreen
+from app.screens.measure import MeasureScreen
 from app.screens.prepare import IndicatorScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen
 from drivers.profile import Outcome
@@ -119,7 +120,7 @@ async def press_for(
 ) -> None:
     """As an operator does: press once all stand still, and again where the press came too soon."""
     for _ in range(PRESSES):
-        await until(pilot, "stillness", screen.ready_by_hand)
+        await until(pilot, "stillness", screen.attended.ready_by_hand)
         await pilot.press("space")
         await until(pilot, "an answer", lambda: condition() or not screen.busy)
         if condition():

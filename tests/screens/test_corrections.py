@@ -217,7 +217,7 @@ async def test_hold_takes_nothing(tmp_path: Path) -> None:
         await pilot.press("p")
         await until(pilot, "hold", lambda: "ON HOLD" in on(screen, "#progress"))
         await pilot.press("a")
-        await until(pilot, "stillness", screen.ready_by_hand)
+        await until(pilot, "stillness", screen.attended.ready_by_hand)
         await pilot.press("space")
         await pilot.pause(0.5)
         assert screen.guided.session.done() == set()
@@ -232,7 +232,7 @@ async def test_hold_while_an_unattended_review_is_shown(tmp_path: Path) -> None:
         await pilot.press("a")
         await until(pilot, "review", lambda: isinstance(interface.screen, LegReviewScreen))
         await pilot.press("p")
-        await until(pilot, "hold", lambda: interface.screen is screen and screen.held)
+        await until(pilot, "hold", lambda: interface.screen is screen and screen.attended.on_hold)
         assert "ON HOLD" in on(screen, "#progress")
         assert "LEG Y   ZERO" in on(screen, "#step")
         assert notes(screen) == ["on hold"]
@@ -243,7 +243,7 @@ async def test_a_computer_that_slept_holds_the_session(
 ) -> None:
     async with measuring(tmp_path) as (pilot, _, screen):
         monkeypatch.setattr("protocols.clock.steady_s", lambda: steady_s() + 720.0)
-        await until(pilot, "hold", lambda: screen.held)
+        await until(pilot, "hold", lambda: screen.attended.on_hold)
         assert "slept for 12 min" in on(screen, "#said")
         assert "press P to continue" in on(screen, "#said")
         assert notes(screen) == ["the computer slept for 720 s"]
@@ -257,7 +257,7 @@ async def test_a_clock_that_is_set_is_told_and_noted(
         wall_clock = clock.wall
         monkeypatch.setattr(clock, "wall", lambda: wall_clock() + timedelta(hours=1))
         await until(pilot, "words", lambda: "set forward by 3600 s" in on(screen, "#said"))
-        assert not screen.held
+        assert not screen.attended.on_hold
         assert notes(screen) == ["the computer's clock was set forward by 3600 s; time_s goes on"]
 
 

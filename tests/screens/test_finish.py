@@ -104,7 +104,7 @@ async def test_space_twice_computes_the_result_once(
         return solved
 
     monkeypatch.setattr("app.screens.corrections.solve_files", slowly)
-    monkeypatch.setattr("app.screens.measure.HELD_KEY_S", 0.0)
+    monkeypatch.setattr("app.measuring.attended.HELD_KEY_S", 0.0)
     interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)

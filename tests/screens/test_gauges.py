@@ -12,6 +12,7 @@ from textual.widget import Widget
 from app.measuring.gauges import Live, Motion, Trace
 from app.report.charts.digits import large_digits
 from app.report.charts.strips import strip_rows
+from app.report.text.gauges import state_words
 from app.screens import interface
 from app.screens.session_view import GaugeDisplay, big_digits
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
@@ -93,7 +94,7 @@ async def test_every_change_is_drawn_and_nothing_old_stays() -> None:
             screen_rows = rows(app.screen)
             assert await as_drawn_anew(pilot, app) == screen_rows
             first = rows_of(app, left)[1][2:-2].strip()
-            words = left.state.replace("\x1b", "")
+            words = state_words(change).replace("\x1b", "")
             assert first == (words if change is gone else big_digits(left.number)[0].strip())
             assert left.has_class(change.motion.value)
         assert left.number == "-0.001"

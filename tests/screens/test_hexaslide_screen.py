@@ -16,7 +16,7 @@ from textual.containers import VerticalScroll
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, TabbedContent
 
-import app.screens.hexaslide as searching
+import app.planning.hexaslide as searching
 from app.machines.registry import LOOKS
 from app.planning.hexaslide import Request
 from app.screens.hexaslide import HexaSlideScreen

@@ -133,7 +133,7 @@ async def test_an_indicator_goes_on_at_another_port(
             )
             await pilot.press("1")
             await until(pilot, "its name", lambda: "FAULT" not in text(interface, "#said"))
-            assert not screen.held
+            assert not screen.attended.on_hold
             assert second.url in str(screen.query_one("#gauge0").border_subtitle)
             await pilot.press("f10")
     notes = [e.text for e in read_record(plan.path).events if e.event == "noted"]
@@ -156,7 +156,7 @@ async def test_another_adapter_under_the_old_name_puts_the_session_on_hold(
         await until(pilot, "a fault", lambda: "FAULT" in text(interface, "#said"))
         numbers.append("B2")
         with TwinPort(still_twin(), "tcp", tcp_port=int(first.url.rpartition(":")[2])):
-            await until(pilot, "the hold", lambda: screen.held)
+            await until(pilot, "the hold", lambda: screen.attended.on_hold)
             await until(pilot, "why", lambda: "adapter B2 is there now" in text(interface, "#said"))
             await pilot.press("f10")
 

@@ -18,12 +18,14 @@ from app.evaluating.comparison import compare_files
 from app.evaluating.solution import solve_files
 from app.machines.registry import LOOKS
 from app.measuring.demo import demo_plan
+from app.report.charts.colours import LEGIBLE, contrast
+from app.report.text.signals import SIGNALS
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.history import CompareScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
-from app.screens.pages import COLOURS_OF_WORDS, LEGIBLE, SIGNALS, contrast
+from app.screens.pages import COLOURS_OF_WORDS
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
@@ -52,17 +54,17 @@ def contrasts(interface: Interface, word: str) -> list[float]:
             style = segment.style
             if word in segment.text and style and style.color and style.bgcolor:
                 pair = (style.color, style.bgcolor)
-                ratios.append(contrast(*map(Color.from_rich_color, pair)))
+                ratios.append(contrast(*(Color.from_rich_color(part).rgb for part in pair)))
     return ratios
 
 
 def test_contrast_as_the_standard_states_it() -> None:
     """WCAG 2.1: black on white is 21, a colour on itself 1; #767676 is the palest grey on white."""
-    white = Color.parse("#ffffff")
-    assert contrast(Color.parse("#000000"), white) == pytest.approx(21.0)
+    white = (255, 255, 255)
+    assert contrast((0, 0, 0), white) == pytest.approx(21.0)
     assert contrast(white, white) == 1.0
-    assert contrast(white, Color.parse("#767676")) == pytest.approx(4.54, abs=0.01)
-    assert contrast(white, Color.parse("#777777")) < LEGIBLE
+    assert contrast(white, (0x76, 0x76, 0x76)) == pytest.approx(4.54, abs=0.01)
+    assert contrast(white, (0x77, 0x77, 0x77)) < LEGIBLE
 
 
 async def test_words_in_colour_are_legible_in_every_theme() -> None:
@@ -72,9 +74,9 @@ async def test_words_in_colour_are_legible_in_every_theme() -> None:
             interface.theme = name
             await pilot.pause()
             variables = interface.theme_variables
-            grounds = [Color.parse(variables[ground]) for ground in ("background", "surface")]
+            grounds = [Color.parse(variables[ground]).rgb for ground in ("background", "surface")]
             for word in COLOURS_OF_WORDS:
-                colour = Color.parse(variables[word])
+                colour = Color.parse(variables[word]).rgb
                 assert min(contrast(colour, ground) for ground in grounds) >= LEGIBLE, (name, word)
     assert len({SIGNALS[word] for word in ("Next:", "Taken", "WARNING:", "FAULT:")}) == 4
 

@@ -83,7 +83,7 @@ class Moved:
         """G for a move of a proof, again where the indicators did not rest at that moment."""
         moves = len(self.twin.moves)
         for _ in range(5):
-            await until(self.pilot, "rest", self.screen.ready_by_hand)
+            await until(self.pilot, "rest", self.screen.attended.ready_by_hand)
             await self.pilot.pause(QUIET_S)
             await self.pilot.press("g")
             await self.pilot.pause(0.2)
@@ -196,7 +196,7 @@ async def test_every_key_stops_it_and_only_g_goes_on(key: str, tmp_path: Path) -
         assert not moved.bench.axes.moving
         await moved.says("STOPPED: stopped by the operator.")
         assert isinstance(moved.interface.screen, MeasureScreen)  # the key did nothing else
-        assert moved.screen.held
+        assert moved.screen.attended.on_hold
         moves = len(moved.twin.moves)
         await moved.pilot.press("g")  # within the dead time
         for other_key in ("space", "enter", "p", "a"):

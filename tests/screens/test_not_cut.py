@@ -30,6 +30,7 @@ from app.evaluating.what_if import choices, trial_of
 from app.machines.registry import LOOKS
 from app.measuring.demo import WATCHED, demo_plan
 from app.measuring.plan import Plan
+from app.report.charts.colours import contrast
 from app.report.text.questions import question_choices
 from app.screens.align import AlignScreen
 from app.screens.check import CheckScreen, DryRunScreen
@@ -50,8 +51,8 @@ from app.screens.interface import (
 )
 from app.screens.measure import MeasureScreen
 from app.screens.paged import PagedScreen
-from app.screens.pages import Message, contrast
-from app.screens.prepare import IndicatorScreen, PrepareScreen
+from app.screens.pages import Message
+from app.screens.prepare import FormScreen, IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen, MotionDialog, SetUpScreen
@@ -154,7 +155,7 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     TextDialog: lambda _: TextDialog("Why? " * 30, "reason", without="step 12 stays the next."),
     HelpDialog: lambda _: HelpDialog("words"),
 }
-PARTS = {Corrections, Dialog, LeftOnce, MainScreen, PagedScreen, SizesScreen}
+PARTS = {Corrections, Dialog, FormScreen, LeftOnce, MainScreen, PagedScreen, SizesScreen}
 """What screens are made of."""
 
 
@@ -218,7 +219,8 @@ def faint(interface: Interface) -> list[str]:
         f"{words!r} has a contrast of {ratio:.1f}"
         for words, *pair in pairs
         if None not in pair
-        and (ratio := contrast(*map(Color.from_rich_color, pair))) < LEAST_CONTRAST
+        and (ratio := contrast(*(Color.from_rich_color(part).rgb for part in pair)))
+        < LEAST_CONTRAST
     ]
 
 

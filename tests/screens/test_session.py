@@ -249,7 +249,7 @@ async def test_moving_readings_are_taken_only_on_purpose(
     interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)
-        monkeypatch.setattr(screen, "ready_by_hand", lambda: False)
+        monkeypatch.setattr(screen.attended, "ready_by_hand", lambda: False)
         await pilot.press("space")
         await pilot.pause(0.1)
         assert "Press Space again" in text(interface, "#said")
@@ -286,7 +286,7 @@ async def test_words_name_the_keys_that_are_in_force(tmp_path: Path) -> None:
         ):
             assert line in words
         await pilot.press("escape", "a")
-        await until(pilot, "automatic", lambda: screen.automatic)
+        await until(pilot, "automatic", lambda: screen.attended.automatic)
         assert "press" not in text(interface, "#step")
         await pilot.press("a")
         interface.notify("nothing lies over the panels", timeout=10)
@@ -327,7 +327,7 @@ async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) 
             await pilot.press("1")
             await until(pilot, "back", lambda: interface.screen is screen)
             assert screen.guided.session.done() == {1, 2}
-            assert not screen.automatic
+            assert not screen.attended.automatic
             await pilot.press("f10")
 
 
@@ -356,7 +356,7 @@ async def test_the_data_button_takes_the_step(tmp_path: Path) -> None:
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)
         for _ in range(PRESSES):  # as an operator does where a press came too soon
-            await until(pilot, "stillness", screen.ready_by_hand)
+            await until(pilot, "stillness", screen.attended.ready_by_hand)
             screen.guided.gauges[0].press(Fault(FaultKind.NO_ANSWER, "", "any outcome"))
             await pilot.pause(0.3)
             await until(pilot, "an answer", lambda: not screen.busy)

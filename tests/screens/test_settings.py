@@ -52,12 +52,12 @@ async def test_own_keys_take_the_place_of_the_usual_ones(tmp_path: Path) -> None
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)
         assert "space" not in screen.active_bindings
-        await until(pilot, "stillness", screen.ready_by_hand)
+        await until(pilot, "stillness", screen.attended.ready_by_hand)
         await pilot.press("f2")
         await until(pilot, "one step", lambda: screen.guided.session.done() == {1})
         await pilot.press("s")
         await until(pilot, "repeated", lambda: screen.guided.session.done() == frozenset())
-        await until(pilot, "stillness", screen.ready_by_hand)
+        await until(pilot, "stillness", screen.attended.ready_by_hand)
         await pilot.press("x")
         await until(pilot, "again", lambda: screen.guided.session.done() == {1})
         await pilot.press("f10")

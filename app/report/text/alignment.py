@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.measuring.aligning import Aligned, Round
+from app.measuring.aligning import Aligned, Round, Watch
 from app.report.text.tables import new_table, paragraphs, signed, uncertain
 from calib.arrays import LEG_NAMES
 from calib.tripod.alignment import Shim
@@ -90,7 +90,7 @@ def _cells(shim: Shim) -> tuple[str, str, str, str]:
     return rail, f"{shim.support_mm:.0f}", towards, f"{abs(shim.move_mm):.3f}"
 
 
-def round_text(work: Round, chosen: int) -> str:
+def round_text(work: Round) -> str:
     """The list of screws, the chosen one marked; what is moved and what is to go.
 
     Both are positive in the direction that is asked for.
@@ -104,7 +104,7 @@ def round_text(work: Round, chosen: int) -> str:
         moved_words, to_go = "as asked" if as_asked else "" if shim.needed else "fine", ""
         if as_asked and moved is not None:
             moved_words, to_go = signed(_asked_way(shim, moved)), _to_go(shim, moved)
-        mark = ">" if k == chosen else "+" if k in work.moved_mm else " "
+        mark = ">" if k == work.chosen else "+" if k in work.moved_mm else " "
         lines.append(
             f"{mark} {rail[5:]:<5}{at:>4} mm  {towards:<8}{by:>7} {moved_words:>8} {to_go:>8}"
         )
@@ -119,9 +119,9 @@ def _to_go(shim: Shim, moved_mm: float) -> str:
     return signed(_asked_way(shim, shim.move_mm - moved_mm))
 
 
-def screw_text(work: Round, number: int) -> str:
-    """What to do at one screw."""
-    shim = work.aligned.shims[number]
+def screw_text(work: Round) -> str:
+    """What to do at the chosen screw."""
+    shim, number = work.shim, work.chosen
     rail, at, towards, by = _cells(shim)
     axis, leg = LEG_NAMES[shim.towards].upper(), LEG_NAMES[shim.rail].upper()
     along = work.station(shim) * work.aligned.machine.geometry().leg_length_mm[shim.rail]
@@ -152,7 +152,15 @@ MOVE_QUESTION = (
 MOVE_CHOICES = (("no", "No, not yet"), ("move", "Yes"))
 
 
-NOT_WATCHABLE = "WAIT: the indicator cannot show it. Turn it by the number, then {align.asked}."
+WATCH = {
+    Watch.BEGUN: "Watching. Turn this screw only.",
+    Watch.BLIND: "WAIT: the indicator cannot show it. Turn it by the number, then {align.asked}.",
+    Watch.DONE: "WAIT: it is done and in the record. {align.again} measures again.",
+    Watch.NO_NUMBER: "WAIT: the indicator shows no number.",
+}
+IS_WATCHED = "WAIT: this screw is watched. {align.watch} when it is there, then the next."
+WATCH_FIRST = "WAIT: {align.watch} watches the screw first."
+NOTHING_MOVED = "Nothing was moved: the readings are valid. {align.finish} finishes."
 MOVED_SINCE = "WAIT: something was moved since. {align.again} measures; {align.home} pauses."
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from app.measuring.indicators import indicator_of, port_is_gone
 from app.measuring.recorded import MOST_LISTED, SessionFile
 from app.report.text.tables import new_table, paragraphs
 from app.settings import FILE_VARIABLE, Settings
+from calib.errors import GlidecalError
 from drivers.profile import Evidence, Profile
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
@@ -209,6 +211,17 @@ TRY_HINT = "{indicator.try} tries which profiles fit at this port. Nothing is wr
 TRYING = "Trying profiles, up to a minute. {indicator.back} stops."
 STOPPED = "Stopped before a profile fitted."
 PORT_GONE = "Port {} is not here now: plug it in, or choose another one."
+
+
+def form_problem(form: Mapping[str, object]) -> str:
+    """What is wrong with what was typed of an indicator; what is still to be typed is not."""
+    port = str(form.get("port", ""))
+    try:
+        if port and form.get("profile"):
+            indicator_of(form)
+    except GlidecalError as problem:
+        return str(problem)
+    return PORT_GONE.format(port) if port and port_is_gone(port) else ""
 
 
 def ports_here(count: int) -> str:

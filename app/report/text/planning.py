@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from app.planning.tripod import MeasurementPlan
+from app.measuring.plan import Plan
+from app.planning.tripod import MeasurementPlan, before_measuring
 from app.report.text.correction import FORMATS_WORDS, FRAME_WORDS
 from app.report.text.tables import (
     map_table,
@@ -18,6 +19,7 @@ from calib.arrays import LEG_NAMES, FloatArray
 from calib.design.criteria import Criterion
 from calib.design.identifiability import SeenBy
 from calib.diagnosis.results import AliasMap, Named
+from calib.errors import GlidecalError
 from calib.posterior.expected import ExpectedParameter, ExpectedResult
 from calib.posterior.planning import Outside, Reach, Separation
 from calib.stats import coverage_factor
@@ -74,6 +76,15 @@ def expected_text(expected: ExpectedResult) -> str:
 def before_measuring_text(expected: ExpectedResult, noise_words: str) -> str:
     """The same, below the steps of a procedure."""
     return f"Before measuring, noise {noise_words}:\n\n{expected_text(expected)}"
+
+
+def plan_expected_text(plan: Plan) -> str:
+    """The same of a plan, or why nothing can be expected."""
+    try:
+        expected = before_measuring(plan.procedure, plan.machine, plan.instruments)
+    except GlidecalError as problem:
+        return str(problem)
+    return before_measuring_text(*expected)
 
 
 def _verdict(seen_by: SeenBy) -> str:

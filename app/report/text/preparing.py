@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 
 from app.measuring.gauges import PushResult, SpindleCheck
-from app.measuring.indicators import indicator_words, profile_of
+from app.measuring.indicators import (
+    indicator_words,
+    moved_adapters,
+    port_is_gone,
+    profile_of,
+)
 from app.measuring.plan import Plan
+from app.measuring.preparation import Preparation
 from app.measuring.simulated import short_travels
+from app.report.text.home import (
+    CHOOSE_INDICATOR,
+    NO_INDICATOR,
+    NO_INDICATOR_AT_PLATE,
+    form_words,
+)
 from app.report.text.session import cycle_words, mdi_line, visits_of
 from app.report.text.tables import new_table, paragraphs
 from calib.errors import GlidecalError
@@ -34,6 +47,38 @@ def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[
         f"{'s' if indicators > 1 else ''}, about {minutes:.0f} minutes. "
         f"{procedure.description} {repeats}{shuffled}"
     )
+
+
+def prepared_text(prepared: Preparation) -> str:
+    """What would be measured, and what of the form is still missing or wrong. Raises RecordError
+    and UsageError for the machine.
+    """
+    machine, parts = prepared.machine(), []
+    try:
+        procedure = prepared.procedure(machine)
+        axes = [instrument.axes for instrument in prepared.some_instruments(procedure)]
+        parts.append(procedure_sentence(procedure, machine.geometry(), axes))
+        if any(prepared.forms):
+            prepared.plan(CHOOSE_INDICATOR)
+        else:
+            parts.append(CHOOSE_INDICATOR)
+    except GlidecalError as problem:
+        parts.append(str(problem))
+    return "\n".join(parts)
+
+
+def indicator_lines(prepared: Preparation) -> list[str]:
+    """A line for each of both indicators; without one what its absence means."""
+    none = NO_INDICATOR
+    with suppress(GlidecalError):
+        if prepared.procedure(prepared.machine()).plate is not None:
+            none = NO_INDICATOR_AT_PLATE
+    return [
+        form_words(form, prepared.source, gone=port_is_gone(str(form.get("port", ""))))
+        if form
+        else without
+        for form, without in zip(prepared.forms, none, strict=True)
+    ]
 
 
 def _short(procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]) -> list[str]:
@@ -96,7 +141,7 @@ def rehearsed_text(step: Step, plan: Plan) -> str:
 
 
 def check_text(plan: Plan) -> str:
-    """What to look at before the first reading."""
+    """What to look at before the first reading, and which adapters are at another port."""
     if plan.simulated:
         check = "The machine is simulated. Its indicators send real bytes over real ports."
     else:
@@ -116,6 +161,7 @@ def check_text(plan: Plan) -> str:
     if plan.before is not None:
         entered = "Verification: the exported offsets must now be in the controller.\n"
     return paragraphs(
+        [f"WARNING: {line}" for line in adapter_lines(plan.instruments)],
         [f"{entered}{plan.machine.name}. {sentence}"],
         *_short(plan.procedure, plan.machine, plan.instruments),
         [check],
@@ -123,14 +169,15 @@ def check_text(plan: Plan) -> str:
     )
 
 
+OPENING = "Opening the indicators …"
 NO_OTHER_PORT_HERE = "No other serial port is here. Plug the adapter in, then try again."
 
 
-def adapter_lines(instruments: Sequence[Instrument], elsewhere: Mapping[int, str]) -> list[str]:
+def adapter_lines(instruments: Sequence[Instrument]) -> list[str]:
     """For each indicator whose adapter is at another port now, which."""
     return [
         f"{indicator_words(k, instruments[k]).capitalize()}: its adapter is at {port} now."
-        for k, port in elsewhere.items()
+        for k, port in moved_adapters(instruments).items()
     ]
 
 
@@ -138,10 +185,9 @@ def refused_text(
     problem: GlidecalError,
     instruments: Sequence[Instrument],
     gone: Sequence[int],
-    elsewhere: Mapping[int, str],
 ) -> str:
     """Why the indicators did not open; for those whose port has ``gone`` where they are now."""
-    lines = adapter_lines(instruments, elsewhere)
+    lines = adapter_lines(instruments)
     choose = "{check.port} chooses another port, " if gone else ""
     again = f"{choose}{{check.retry}} tries again, {{check.back}} goes back."
     return paragraphs([str(problem)], lines, [again])

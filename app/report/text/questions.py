@@ -147,6 +147,7 @@ RESTORED = (
 """By whether they are."""
 
 MOVED_QUESTION = "Was the stand moved or touched? If so, readings get a new zero from here on."
+MOVED = "New set-up: readings from here on have a new zero"
 MOVED_CHOICES = (("no", "No, continue as before"), ("moved", "Yes, start a new zero"))
 
 

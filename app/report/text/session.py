@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from enum import StrEnum
 from functools import lru_cache
 from pathlib import Path
 from shlex import quote
 
+from app.measuring.attended import Press, TakenBy
 from app.measuring.doubts import TakenStep
 from app.measuring.leg_review import LegRow, leg_rows, positions
 from app.measuring.session import GuidedSession
@@ -92,15 +92,6 @@ def not_taken_text(faults: Sequence[Fault]) -> str:
     first, *more_faults = (sentence(fault.words) for fault in faults)
     words = [first, *(more[0].upper() + more[1:] for more in more_faults)]
     return f"Not taken: {' '.join(words)}"
-
-
-class TakenBy(StrEnum):
-    """Who moves the machine and takes the readings of a step."""
-
-    HAND = "by hand"
-    INDICATORS = "automatic"
-    CONTROLLER = "a controller"
-    NOBODY = "a replay"
 
 
 WHO_TAKES = {
@@ -361,6 +352,16 @@ def automatic_waits_text(moved: Movement, step: Step, session: Session) -> str:
     return move + " {measure.take} or the button takes it."
 
 
+PRESSED = {
+    Press.ON_HOLD: "WAIT: on hold, nothing is taken. Press {goes_on} to continue.",
+    Press.MOVES: "WAIT: the readings move. Press {measure.take} again to take them anyway.",
+}
+SETTLED = "The readings are stable now: {measure.take} takes them."
+ON_HOLD = "On hold. Press {goes_on} to continue."
+CONTINUED = "The session continues."
+COMPUTING = "Every reading is on the disk. Computing the result …"
+
+
 def point_text(step: Step, session: Session) -> str:
     """One step that was measured or skipped, in one line."""
     posture = step.posture(session.opened.machine.geometry())
@@ -386,9 +387,9 @@ def clock_set_text(jump_s: float) -> str:
     )
 
 
-def slept_text(seconds: float, key: str) -> str:
-    """The computer was suspended while the session was open; the ``key``, an id, goes on."""
+def slept_text(seconds: float) -> str:
+    """The computer was suspended while the session was open."""
     return (
         f"The computer slept for {max(1, round(seconds / 60.0))} min; the session is on hold. "
-        f"If the stand was touched, press {{measure.remount}}. Then press {{{key}}} to continue."
+        f"If the stand was touched, press {{measure.remount}}. Then press {{goes_on}} to continue."
     )

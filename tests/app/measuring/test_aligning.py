@@ -77,10 +77,11 @@ def test_a_round_of_turning_and_measuring(tmp_path: Path) -> None:
     with measured(path) as (guided, work):
         before = max(range(8), key=lambda k: abs(work.aligned.shims[k].move_mm))
         shim = work.aligned.shims[before]
+        work.chosen = before
         turn(guided, work, before, shim.move_mm)
         assert work.live_mm() == pytest.approx(shim.move_mm, abs=0.05)  # scatter over the lever
-        assert f"> {'xyz'[shim.rail].upper()}" in round_text(work, before)
-        assert "mm to go" in screw_text(work, before)
+        assert f"> {'xyz'[shim.rail].upper()}" in round_text(work)
+        assert "mm to go" in screw_text(work)
         change = work.done(watched=True)
         assert guided.session.readings == ()
         assert guided.session.next_step() == guided.steps[0]

@@ -23,6 +23,7 @@ from pathlib import Path
 from textual.pilot import Pilot
 from textual.widgets import Tabs
 
+from app.measuring.attended import IDLE_S
 from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import profile_of
@@ -30,7 +31,7 @@ from app.measuring.opening import begin
 from app.measuring.plan import Plan
 from app.measuring.session import Indicators
 from app.screens.interface import Interface
-from app.screens.measure import IDLE_S, MeasureScreen
+from app.screens.measure import MeasureScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal

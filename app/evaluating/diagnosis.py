@@ -158,6 +158,11 @@ class SessionDiagnosis(Tabled):
             return None
         return self._planner(tuple(candidates(self.corrections.posterior))).separation
 
+    def work_out(self) -> SessionDiagnosis:
+        """The same with tool and next measurement worked out: later they take no time."""
+        _ = self.tool, self.separation
+        return self
+
     def reach(self) -> Reach | None:
         """The bound at the tool after further set-ups; None where no set-up of a leg is known."""
         opened, pace = self.sessions[-1].opened, USUAL_PACE

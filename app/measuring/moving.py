@@ -157,6 +157,16 @@ class Mover:
         return self.line.not_stopped or self.state in (State.HELD, State.FAULT)
 
     @property
+    def unfit_answers(self) -> frozenset[str]:
+        """What the operator cannot answer now: ``answer``, ``vouch``, or ``home``."""
+        fits = {
+            "answer": self.state in (State.HELD, State.FAULT),
+            "vouch": self.line.not_stopped,
+            "home": self.state is State.FAULT and self.line.can_home,
+        }
+        return frozenset(name for name, fit in fits.items() if not fit)
+
+    @property
     def under_way(self) -> bool:
         """Whether a way was sent and has not ended, with what belongs to it."""
         return self._way is not None or self.proving

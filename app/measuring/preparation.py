@@ -49,6 +49,8 @@ class Preparation:
     forms: list[Form] = field(default_factory=lambda: [{}, {}])
     source: str = ""
     proposed_for: Machine | None = None
+    offered_for: Machine = field(default_factory=lambda: load_machine(None))
+    _usual: str | None = None
 
     def machine(self) -> Machine:
         """Raises RecordError or UsageError for what is no machine."""
@@ -58,6 +60,14 @@ class Preparation:
     def usual_procedure(self, machine: Machine) -> str:
         """By hand, or where a controller moves the machine."""
         return procedure_of(machine, moving=bool(self.typed["motion"]))
+
+    def offer(self, machine: Machine) -> tuple[list[str], str]:
+        """The procedures of a machine, and that of its usual one or the chosen one."""
+        names, chosen = procedures_of(machine), self.typed["procedure"]
+        before = self._usual or self.offered_for.usual_procedure
+        self._usual, self.offered_for = self.usual_procedure(machine), machine
+        stays = chosen != before and chosen in names
+        return names, chosen if stays else self._usual
 
     def procedure(self, machine: Machine) -> Procedure:
         """Shuffled where a seed is typed. Raises UsageError, RecordError."""

@@ -287,11 +287,27 @@ class GuidedSession:
             right = Restored(readings=tuple(latest), reason=reason)
             self._append([right, Superseded(readings=tuple(earlier), reason=reason)])
 
+    @property
+    def last_step(self) -> int | None:
+        """The number of the last step taken whose readings are valid."""
+        return self.session.readings[-1].step if self.session.readings else None
+
+    def begun_steps(self) -> list[Step]:
+        """Steps that were read or skipped."""
+        session = self.session
+        numbers = {r.step for r in session.all_readings} | session.skipped.keys()
+        return [step for step in self.steps if step.number in numbers]
+
+    def why_superseded(self, number: int) -> str:
+        """The reason why the last readings of a step, counted from 1, are not used."""
+        last = max(r.reading for r in self.session.all_readings if r.step == number)
+        return self.session.superseded[last]
+
     def undo(self, reason: str = "repeated by the operator") -> Step | None:
         """Supersede the readings of the last step taken; it becomes the present step again."""
         with self._lock:
-            last = self.session.readings[-1] if self.session.readings else None
-            return None if last is None or last.step is None else self.repeat(last.step, reason)
+            last = self.last_step
+            return None if last is None else self.repeat(last, reason)
 
     def repeat(self, number: int, reason: str) -> Step | None:
         """Supersede the readings of a step so that it is measured again; returns the next step.

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import io
 import os
+import signal
 import stat
 import sys
+from collections.abc import Callable
+from contextlib import suppress
 from typing import TextIO
 
 from calib.errors import UsageError
@@ -82,6 +85,34 @@ def write_nowhere() -> None:
         if stream is not None and stat.S_ISCHR(os.fstat(stream.fileno()).st_mode):
             os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
+
+
+SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Windows knows no SIGHUP."""
+
+
+def heed_signals(leave: Callable[[], object] | None) -> None:
+    """Call this in the running loop at each of the signals; None: they end the program again.
+
+    Where a loop takes no signals (Windows, another thread than the main one) nothing happens: the
+    terminal's own keys leave as before.
+    """
+    import asyncio  # loaded where there is a loop
+
+    loop = asyncio.get_running_loop()
+
+    def receive(number: signal.Signals) -> None:
+        if number.name == "SIGHUP":
+            write_nowhere()
+        if leave is not None:
+            leave()
+
+    with suppress(NotImplementedError, RuntimeError, ValueError):
+        for number in SIGNALS:
+            if leave is None:
+                loop.remove_signal_handler(number)
+            else:
+                loop.add_signal_handler(number, receive, number)
 
 
 def need_terminal(what: str, instead: str) -> None:

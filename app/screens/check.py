@@ -169,9 +169,8 @@ class DryRunScreen(PagedScreen[None]):
 
     @work
     async def begin(self) -> None:
-        plan = self._plan
-        self.head(f"Dry run of {plan.procedure.name}")
-        self.put("dry-run", motion.plan_text(plan))
         from app.report.text.planning import plan_expected_text  # loads the planning
 
-        self.put("expected", await apart(self, plan_expected_text, plan))
+        self.head(f"Dry run of {self._plan.procedure.name}")
+        self.put("dry-run", motion.plan_text(self._plan))
+        self.put("expected", await apart(self, plan_expected_text, self._plan))

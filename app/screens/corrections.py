@@ -101,7 +101,7 @@ class Corrections(MainScreen[None]):
         Asks as B does where the stand has left it: then more than this step is measured again.
         """
         self.attended.automatic = False
-        last = self.guided.session.readings[-1].step if self.guided.session.readings else None
+        last = self.guided.last_step
         if self.busy or last is None:
             return
         if len(self.guided.steps_repeated_with(last)) > 1:
@@ -115,12 +115,10 @@ class Corrections(MainScreen[None]):
     async def action_earlier(self) -> None:
         """Choose any earlier step: measure it again, or let superseded readings count again."""
         self.attended.automatic = False
-        session = self.guided.session
-        steps = {r.step for r in session.all_readings} | set(session.skipped)
-        points = [step for step in self.guided.steps if step.number in steps]
+        points = self.guided.begun_steps()
         if self.busy or not points:
             return
-        choices = [(step.number, texts.point_text(step, session)) for step in points]
+        choices = [(step.number, texts.point_text(step, self.guided.session)) for step in points]
         step = await self.ask(ChoiceDialog(questions.WHICH_STEP, choices, len(choices) - 1))
         if step is not None:
             await self._bring_back(step)
@@ -133,8 +131,7 @@ class Corrections(MainScreen[None]):
             repeat = partial(self.guided.repeat, step)
             await self._with_reason(question, repeat, f"Step {step} is measured again: {{}}")
             return
-        why = session.superseded[max(r.reading for r in session.all_readings if r.step == step)]
-        question = questions.RESTORE_QUESTION.format(step, why)
+        question = questions.RESTORE_QUESTION.format(step, self.guided.why_superseded(step))
         if await self.agreed(question, questions.RESTORE_CHOICES):
             with self.writing():
                 counts = self.guided.restore(step, "restored by the operator")

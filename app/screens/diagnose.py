@@ -61,8 +61,12 @@ class DiagnoseScreen(PagedScreen[None]):
         self.diagnosed = self._known = None
         heading = texts.heading_text([path.name for path in self.paths], self.model)
         self.begin_to_look(heading, texts.LOOKING)
-        job = partial(_diagnosis, self.paths, self.model, self._adopted_words)
-        self.look(job, self._show, texts.problem_text)
+        self.look(self._diagnosis, self._show, texts.problem_text)
+
+    def _diagnosis(self) -> tuple[ModelFile | None, SessionDiagnosis, str]:
+        known = read_model_file(self.model) if self.model else None
+        diagnosed = diagnose_files(self.paths, model=self.model).work_out()
+        return known, diagnosed, self._adopted_words() if self._adopted_words else ""
 
     def _show(self, outcome: tuple[ModelFile | None, SessionDiagnosis, str]) -> None:
         (self._known, diagnosed, at_tool), adopted = outcome, ""
@@ -179,12 +183,3 @@ class DiagnoseScreen(PagedScreen[None]):
         job = partial(result_of, self.paths, self.model, verified=not self.app.read_only)
         with self.app.complaining():
             self.app.push_screen(await apart(self, job))
-
-
-def _diagnosis(
-    paths: Sequence[Path], model: Path | None, adopted_words: Callable[[], str] | None
-) -> tuple[ModelFile | None, SessionDiagnosis, str]:
-    model_file = read_model_file(model) if model else None
-    diagnosed = diagnose_files(paths, model=model)
-    _ = diagnosed.tool, diagnosed.separation  # worked out here, not while the page is drawn
-    return model_file, diagnosed, adopted_words() if adopted_words else ""

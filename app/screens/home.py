@@ -72,17 +72,9 @@ class HomeScreen(MainScreen[None]):
 
     def options(self) -> Iterator[Option | None]:
         """What is listed; None is a line between."""
-        writes = not self.app.read_only
-        labels = [(each, texts.session_label(each)) for each in self._recent]
-        for each, label in labels:
-            if each.interrupted and not each.empty and writes:
-                yield Option(f"Continue  {label}", f"continue {each.path}")
-        for name, words in (*texts.HOME_CHOICES, *((k.name, k.choice) for k in self.app.looks)):
-            if writes or name in texts.READING_ONLY:
-                yield Option(words, name)
-        if labels:
-            yield None
-        yield from (Option(label, f"session {each.path}") for each, label in labels)
+        own = [(look.name, look.choice) for look in self.app.looks]
+        rows = texts.home_rows(self._recent, own, read_only=self.app.read_only)
+        return (row and Option(*row) for row in rows)
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         if not self._working:
@@ -266,10 +258,7 @@ class ReplayChoiceScreen(HomeScreen):
         return list(map(look_at, self._paths))
 
     def options(self) -> Iterator[Option | None]:
-        for folder in self._folders:
-            yield Option(texts.HISTORY_OF.format(folder.name), f"history {folder}")
-        for each in self._recent:
-            yield Option(texts.session_label(each), f"replay {each.path}")
+        return (Option(*row) for row in texts.replay_rows(self._folders, self._recent))
 
 
 def replay_screen(path: Path, looks: Iterable[Look]) -> Screen[None]:

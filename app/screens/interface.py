@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import signal
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -31,12 +30,12 @@ from textual.widgets import Input, OptionList, Static
 
 from app.exit_codes import Exit
 from app.measuring.motion_keys import MotionKeys
-from app.report.streams import write_nowhere
+from app.report.streams import heed_signals
 from app.report.text import home as texts
 from app.report.text.tables import copied_text, keyed
 from app.screens import Look
 from app.screens.fast_keys import LeftOnce, lacks_parts, ready
-from app.screens.keys import key_words, usual_key
+from app.screens.keys import usual_key
 from app.screens.pages import Message, last_lines, legible, signalled
 from app.settings import Settings, save_theme, settings_path, split
 from calib.errors import GlidecalError
@@ -195,9 +194,6 @@ LEAST_SIZE = Size(80, 24)
 TALL = 30
 """Rows from which panels have room for more than their digits."""
 
-SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
-"""Windows knows no SIGHUP."""
-
 
 class PrintableRows(LineFilter):
     """Every row of every widget passes here last: nothing hidden reaches the terminal.
@@ -259,7 +255,7 @@ class Interface(App[str]):
         self._status = Exit.DONE
 
     def on_mount(self) -> None:
-        self._heed_signals(True)
+        heed_signals(lambda: self.run_worker(self.action_interrupt()))
         if self._settings.theme:
             self.theme = self._settings.theme
         self.set_keymap(self._settings.keys)
@@ -393,7 +389,7 @@ class Interface(App[str]):
         """The first key of a binding by its id, as in force now; None for what is no such id."""
         chosen = self._settings.keys.get(key_id)
         key = split(chosen)[0] if chosen else usual_key(key_id)
-        return key and key_words(key)
+        return key and texts.key_words(key)
 
     def keyed(self, text: str) -> str:
         """The text with keys in the place of the ids in it, such as ``{measure.take}``."""
@@ -469,31 +465,12 @@ class Interface(App[str]):
         with self.batch_update():  # the terminal may be gone
             self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
 
-    def _heed_signals(self, heed: bool) -> None:
-        """Leave at each of the signals; else they end the program.
-
-        Where a loop takes no signals (Windows, another thread than the main one) nothing happens:
-        the terminal's own keys leave as before.
-        """
-        loop = asyncio.get_running_loop()
-        with suppress(NotImplementedError, RuntimeError, ValueError):
-            for number in SIGNALS:
-                if heed:
-                    loop.add_signal_handler(number, self._receive, number)
-                else:
-                    loop.remove_signal_handler(number)
-
-    def _receive(self, number: signal.Signals) -> None:
-        if number.name == "SIGHUP":
-            write_nowhere()
-        self.run_worker(self.action_interrupt())
-
     async def on_unmount(self) -> None:
         """However the interface ends, ports and record are let go.
 
         What is still computed in a thread then is waited for: a signal may end that.
         """
-        self._heed_signals(False)
+        heed_signals(None)
         await self._leave()
 
     async def _leave(self) -> str:
@@ -502,16 +479,14 @@ class Interface(App[str]):
         if guided is not None and guided.closed:
             return f"The session is complete: {guided.path}"
         if guided is not None:
-            from app.report.text.session import paused_text  # loaded with the measuring screen
+            from app.report.text.session import left_text  # loaded with the measuring screen
 
             try:
                 await asyncio.to_thread(guided.leave)
             except GlidecalError as problem:
                 self._status = Exit.RECORD
                 return str(problem)
-            mover = guided.mover
-            warning = f"{mover.why}\n" if mover and mover.line.not_stopped else ""
-            return warning + paused_text(guided)
+            return left_text(guided)
         if indicators is not None:
             await asyncio.to_thread(indicators.close)
         return ""

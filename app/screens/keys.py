@@ -16,7 +16,6 @@ from textual.theme import BUILTIN_THEMES
 from app.report.text.home import KeyRow
 from app.settings import BoundKey, Settings, check_keys, check_theme, read_settings
 
-KEY_WORDS = {"comma": ",", "plus": "+", "minus": "-", "pageup": "page up", "pagedown": "page down"}
 NAMED_KEYS = frozenset(key.value for key in Keys) | {"space", "comma"}
 
 
@@ -37,12 +36,6 @@ def settings_for_screens(path: Path) -> Settings:
     if settings.keys:  # what follows loads every screen
         check_keys(path, settings, _places(), NAMED_KEYS)
     return settings
-
-
-def key_words(key: str) -> str:
-    """A key as a person calls it: ``Space``, ``F2``, ``Ctrl+T``."""
-    parts = (KEY_WORDS.get(part, part) for part in key.split("+"))
-    return "+".join(part.upper() if len(part) == 1 else part.capitalize() for part in parts)
 
 
 _usual: dict[str, str] = {}

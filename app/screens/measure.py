@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import gc
 import time
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from textual.binding import Binding, BindingType
 
 from app.measuring.attended import Press
 from app.measuring.doubts import TakenStep
-from app.measuring.gauges import Live, Motion
+from app.measuring.gauges import Live
 from app.measuring.indicators import remember
 from app.measuring.lost import LostIndicators
 from app.measuring.moving import Mover
@@ -31,16 +30,6 @@ from calib.errors import GlidecalError
 from drivers.motion.states import State
 from protocols.clock import SleepWatch
 from protocols.expectation import Movement
-
-GATHER_S = 0.015
-"""One picture shows all that is heard within so long after the first news."""
-
-IDLE_S = 5.0
-IDLE_GATHER_S = 0.09
-"""After so long of standing still only a last digit flickers: ten pictures a second are enough.
-
-With GATHER_S alone waiting takes half as much again (`make bench` allows 5 % of a core).
-"""
 
 ATTEND_S = 0.05
 """The thread of the controller is told so often that the screens run."""
@@ -80,7 +69,7 @@ class MeasureScreen(Corrections, Resting):
         super().__init__(guided, plan)
         self.view = SessionView(plan.instruments)
         self.lost = LostIndicators(guided.gauges)
-        self._moved_at = self._shown_at = 0.0
+        self._shown_at = 0.0
         self._sleep = SleepWatch()
 
     def compose(self) -> ComposeResult:
@@ -107,23 +96,7 @@ class MeasureScreen(Corrections, Resting):
 
     @work
     async def _follow(self) -> None:
-        """Show what the indicators tell, in one picture where it comes together."""
-        loop, news = asyncio.get_running_loop(), asyncio.Event()
-
-        def tell() -> None:  # called in the thread of an indicator
-            if not news.is_set():  # else the picture that is due shows it, too
-                with suppress(RuntimeError):  # the loop has ended: nobody looks any more
-                    loop.call_soon_threadsafe(news.set)
-
-        for gauge in self.guided.gauges:
-            gauge.on_news = tell
-        if self.guided.mover is not None:
-            self.guided.mover.on_news = tell
-        while True:
-            await news.wait()
-            idle = time.monotonic() - self._moved_at > IDLE_S
-            await asyncio.sleep(IDLE_GATHER_S if idle else GATHER_S)
-            news.clear()
+        async for _ in self.attended.news():
             self._show_live()
 
     def _look(self) -> None:
@@ -157,9 +130,7 @@ class MeasureScreen(Corrections, Resting):
         self._draw_live()  # in the same picture: a step takes long to draw, readings must not wait
 
     def _draw_live(self) -> Sequence[Live]:
-        states = self.attended.live()
-        if self.busy or any(live.motion is not Motion.STABLE for live in states):
-            self._moved_at = time.monotonic()
+        states = self.attended.live(busy=self.busy)
         if not isinstance(self.app.screen, LegReviewScreen):  # it lies over the digits
             self.view.show_live(states)
         return states

@@ -231,14 +231,13 @@ class PrepareScreen(FormScreen[None]):
     def __init__(self) -> None:
         super().__init__()
         self._prepared = Preparation()
-        self._offered_for = self._prepared.machine()
-        self._usual = self._offered_for.usual_procedure
         self._answered: dict[str, str] = {}
 
     def fields(self) -> ComposeResult:
         for field in (texts.MACHINE, *texts.IDENTITY):
             yield from entry(*field)
-        yield from row("Procedure", choice("procedure", _procedures(self._offered_for)))
+        names = procedures_of(self._prepared.offered_for)
+        yield from row("Procedure", choice("procedure", zip(names, names, strict=True)))
         for name, words in zip(INDICATORS, texts.WHICH_INDICATOR, strict=True):
             yield from row(words, IndicatorField(id=name, markup=False))
         for field in texts.FIELDS:
@@ -270,14 +269,11 @@ class PrepareScreen(FormScreen[None]):
 
     def _offer(self, machine: Machine) -> None:
         """What the machine can measure: as usual by hand or with a controller, or as chosen."""
-        procedures, rows = self.query_one("#procedure", Select), _procedures(machine)
-        chosen, before = str(procedures.value), self._usual
-        self._usual = self._prepared.usual_procedure(machine)
-        if machine != self._offered_for:
-            procedures.set_options((Content(words), name) for words, name in rows)
-        self._offered_for = machine
-        stays = chosen != before and (chosen, chosen) in rows
-        procedures.value = chosen if stays else self._usual
+        procedures, offered_for = self.query_one("#procedure", Select), self._prepared.offered_for
+        names, chosen = self._prepared.offer(machine)
+        if machine != offered_for:
+            procedures.set_options((Content(name), name) for name in names)
+        procedures.value = chosen
 
     def _propose(self, machine: Machine) -> None:
         """The indicators of the machine file, else those used last, until others are chosen."""
@@ -315,7 +311,3 @@ class PrepareScreen(FormScreen[None]):
     def action_dry_run(self) -> None:
         with self.app.complaining():
             self.app.push_screen(DryRunScreen(self._read().rehearsal()))
-
-
-def _procedures(machine: Machine) -> list[tuple[str, str]]:
-    return [(name, name) for name in procedures_of(machine)]

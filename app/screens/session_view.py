@@ -22,7 +22,6 @@ from textual.widgets import Static
 from app.measuring.attended import TakenBy
 from app.measuring.gauges import Live, Motion
 from app.measuring.indicators import ports_to_choose
-from app.measuring.leg_review import review_leg
 from app.measuring.moving import Mover
 from app.report.charts.digits import large_digits
 from app.report.charts.results import readings_by_posture
@@ -30,15 +29,12 @@ from app.report.charts.strips import strip_rows
 from app.report.charts.tripod import drawn_set_up
 from app.report.text import motion, questions
 from app.report.text import session as texts
-from app.report.text.gauges import NO_NUMBER, shown_number, state_words
-from app.report.text.leg_review import REVIEW_HELP, review_text
+from app.report.text.gauges import NO_NUMBER, panel_title, port_words, shown_number, state_words
+from app.report.text.leg_review import REVIEW_HELP, leg_review_text
 from app.screens.interface import WIDE, ChoiceDialog, Dialog, Interface
 from app.screens.pages import Resting, signalled
 from app.screens.plot import ChartPlot
-from calib.errors import GlidecalError
 from drivers.motion.line import DEAD_S
-from drivers.motion.states import State
-from drivers.profile import IndicatorReading
 from protocols.machine import Instrument
 from protocols.procedure import Step
 from protocols.session import Session
@@ -83,10 +79,8 @@ class GaugeDisplay(Resting):
 
         A table of readings does not tell which indicator it was.
         """
-        along = f"along {axis.upper()}, mm" if axis else ""
-        name = f"{self._index + 1} {instrument.profile}" if instrument else ""
-        self.border_title = Content(f"{name} {along}".strip())
-        self._port, self._assumed = instrument.port if instrument else "", False
+        self.border_title = Content(panel_title(self._index, instrument, axis))
+        self._port = instrument.port if instrument else ""
         self.border_subtitle = Content(self._port)
 
     def on_resize(self) -> None:
@@ -107,12 +101,9 @@ class GaugeDisplay(Resting):
         else:
             pairs = enumerate(zip_longest(rows_before, self.rows))
             if changed := [y for y, (row_before, row) in pairs if row_before != row]:
-                self.redraw(changed[0], 1 + changed[-1] - changed[0])
-        assumed = isinstance(live.outcome, IndicatorReading) and live.outcome.unit_assumed
-        if assumed != self._assumed:
-            self._assumed = assumed
-            words = [self._port, "mm assumed"] if assumed else [self._port]
-            self.border_subtitle = Content(", ".join(filter(None, words)))
+                self.redraw(0, 1 + changed[-1])
+        if (port := port_words(self._port, live)) != str(self.border_subtitle):
+            self.border_subtitle = Content(port)
 
     def _drawn(self, live: Live) -> list[str]:
         """Digits, state and strip chart; of a fault its words alone, cut between them."""
@@ -322,17 +313,12 @@ class LegReviewScreen(Dialog[bool]):
     ) -> None:
         super().__init__()
         self._session, self._step = session, step
-        self._rests_mm, self._unattended = rests_mm, unattended
+        self._words, self._unattended = leg_review_text(session, step, rests_mm), unattended
 
     def compose(self) -> ComposeResult:
-        try:
-            review = review_leg(self._session, self._step, self._rests_mm)
-            text = self.app.keyed(review_text(review, self._session))
-        except GlidecalError as problem:
-            text = str(problem)
-        with Horizontal(classes=f"wide-dialog {'' if 'WARNING:' in text else 'done'}"):
+        with Horizontal(classes=f"wide-dialog {'' if 'WARNING:' in self._words else 'done'}"):
             with VerticalScroll(id="review"):
-                yield Static(signalled(text), id="review-text")
+                yield Static(signalled(self.app.keyed(self._words)), id="review-text")
             yield ChartPlot(plot_id="review-chart")
 
     def on_mount(self) -> None:
@@ -393,13 +379,8 @@ class MotionDialog(Dialog[None]):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """No key at first; each only where it is an answer."""
-        state, dead = self._mover.state, time.monotonic() - self._opened_s < DEAD_S
-        fits = {
-            "answer": state in (State.HELD, State.FAULT),
-            "vouch": self._mover.line.not_stopped,
-            "home": state is State.FAULT and self._mover.line.can_home,
-        }
-        return fits.get(action, True) and not dead
+        dead = time.monotonic() - self._opened_s < DEAD_S
+        return action not in self._mover.unfit_answers and not dead
 
     def action_answer(self) -> None:
         """The operator looked: is all well again? What is still wrong is shown."""

@@ -6,6 +6,7 @@ from app.measuring.gauges import Live, Motion
 from app.report.text.tables import signed
 from calib.errors import sentence
 from drivers.profile import Fault, IndicatorReading
+from protocols.machine import Instrument
 
 MARKS = {
     Motion.STABLE: "= STABLE",
@@ -17,6 +18,19 @@ MARKS = {
 NO_NUMBER = "------"
 OLD_S = 1.0
 """A value is shown with its age from here on."""
+
+
+def panel_title(number: int, instrument: Instrument | None, axis: str) -> str:
+    """Number and profile of an indicator, counted from 0, and along which axis it measures now."""
+    along = f"along {axis.upper()}, mm" if axis else ""
+    name = f"{number + 1} {instrument.profile}" if instrument else ""
+    return f"{name} {along}".strip()
+
+
+def port_words(port: str, live: Live) -> str:
+    """Where it is, and whether its unit is a guess."""
+    assumed = isinstance(live.outcome, IndicatorReading) and live.outcome.unit_assumed
+    return ", ".join(filter(None, [port, "mm assumed" if assumed else ""]))
 
 
 def shown_number(live: Live) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from app.measuring.indicators import indicator_of, port_is_gone
@@ -80,6 +80,35 @@ def session_label(session: SessionFile) -> str:
     """Path and state on two lines."""
     verifies = f", verifies {session.verifies}" if session.verifies else ""
     return f"{session.path}\n    {session.state}{verifies}"
+
+
+ListRow = tuple[str, str]
+"""Words of a row, and what it stands for: an answer, and the path that it is about."""
+
+
+def home_rows(
+    sessions: Sequence[SessionFile], own_screens: Iterable[ListRow], *, read_only: bool
+) -> Iterator[ListRow | None]:
+    """What home offers, interrupted sessions first; None is a line between.
+
+    ``own_screens`` of machines have a name and words.
+    """
+    labels = [(each, session_label(each)) for each in sessions]
+    for each, label in labels:
+        if each.interrupted and not each.empty and not read_only:
+            yield f"Continue  {label}", f"continue {each.path}"
+    for name, words in (*HOME_CHOICES, *own_screens):
+        if not read_only or name in READING_ONLY:
+            yield words, name
+    if labels:
+        yield None
+    yield from ((label, f"session {each.path}") for each, label in labels)
+
+
+def replay_rows(folders: Sequence[Path], sessions: Sequence[SessionFile]) -> Iterator[ListRow]:
+    """The histories of these folders, then these sessions."""
+    yield from ((HISTORY_OF.format(folder.name), f"history {folder}") for folder in folders)
+    yield from ((session_label(each), f"replay {each.path}") for each in sessions)
 
 
 POSTURE_CHOICES = (
@@ -307,6 +336,15 @@ def settings_text(path: Path, exists: bool, settings: Settings, keys: Iterable[K
         'Keys; under [keys] a line such as "measure.take" = "space,f2" changes them:',
         table,
     )
+
+
+KEY_WORDS = {"comma": ",", "plus": "+", "minus": "-", "pageup": "page up", "pagedown": "page down"}
+
+
+def key_words(key: str) -> str:
+    """A key as a person calls it: ``Space``, ``F2``, ``Ctrl+T``."""
+    parts = (KEY_WORDS.get(part, part) for part in key.split("+"))
+    return "+".join(part.upper() if len(part) == 1 else part.capitalize() for part in parts)
 
 
 def key_list_text(keys: Iterable[tuple[str, str]]) -> str:

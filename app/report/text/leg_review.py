@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from app.measuring.leg_review import LegReview, Usual
+from collections.abc import Sequence
+
+from app.measuring.leg_review import LegReview, Usual, review_leg
 from app.report.text.session import step_name
 from app.report.text.tables import difference_words, new_table, paragraphs, signed
+from calib.errors import GlidecalError
+from protocols.procedure import Step
 from protocols.session import Session
 
 REVIEW_HELP = """\
@@ -13,6 +17,14 @@ Usual         the scatter to hold against it: what the indicator states,
               the other legs, or an indicator at rest
 Return        largest difference between two Zeros of one cycle: it shows
               drift, and a stand that moved"""
+
+
+def leg_review_text(session: Session, step: Step, rests_mm: Sequence[float] = ()) -> str:
+    """The review of the leg of a step, or why there is none."""
+    try:
+        return review_text(review_leg(session, step, rests_mm), session)
+    except GlidecalError as problem:
+        return str(problem)
 
 
 def review_text(review: LegReview, session: Session) -> str:

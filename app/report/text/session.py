@@ -335,6 +335,12 @@ def paused_text(guided: GuidedSession, *, headless: bool = False) -> str:
     )
 
 
+def left_text(guided: GuidedSession) -> str:
+    """Of a session that was left: whether its machine still moves, and how to continue it."""
+    warning = f"{guided.mover.why}\n" if guided.mover and guided.mover.line.not_stopped else ""
+    return warning + paused_text(guided)
+
+
 def continue_command(path: Path, motion: str | None, *, headless: bool) -> str:
     """The command that continues a session, with the controller that moves its machine."""
     screen = " --headless" if headless else ""

@@ -211,6 +211,13 @@ def remember(
         write_files(data_path(), {"": updated.model_dump_json(indent=1)}, replace=True)
 
 
+def propose_again(machine: Machine, instruments: Sequence[Instrument]) -> None:
+    """Remember them for the next session on this machine; none fails where that cannot be done."""
+    with contextlib.suppress(RecordError, UsageError):
+        identity = machine.serial_number or "", machine.place or ""
+        remember(machine.name, instruments, *identity)
+
+
 def adapter_before(port: str) -> str:
     """The serial number of the adapter that was used last at a port, empty where unknown."""
     with contextlib.suppress(RecordError):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 
 from app.measuring.demo import SelfMovingBench, SimulatedBench
@@ -13,14 +13,14 @@ from app.measuring.indicators import (
     check_indicators,
     port_is_gone,
     profile_of,
-    remember,
+    propose_again,
     this_computer,
 )
 from app.measuring.moving import Proves, open_mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession, Indicators
 from app.version import program
-from calib.errors import GlidecalError, RecordError, UsageError
+from calib.errors import GlidecalError
 from drivers.motion.line import STRICT, Patience
 from protocols.journal import Journal
 from protocols.procedure import Step
@@ -96,12 +96,7 @@ def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
     if plan.note and not plan.continued:
         guided.note(plan.note)
     if not plan.simulated:
-        with suppress(
-            RecordError, UsageError
-        ):  # a proposal for the next time: no session fails for it
-            machine = plan.machine
-            identity = machine.serial_number or "", machine.place or ""
-            remember(machine.name, plan.instruments, *identity)
+        propose_again(plan.machine, plan.instruments)
     return guided
 
 
@@ -156,11 +151,14 @@ class PlanCheck:
 
     def begin(self, indicators: Indicators) -> GuidedSession:
         """As `begin`, with what the pushes told of the indicators."""
-        if self.spindles is None:
-            return begin(self.plan, indicators)
-        guided = begin(replace(self.plan, instruments=self.spindles.known()), indicators)
-        guided.note(self.spindles.remark())
-        return guided
+        if self.spindles is not None:
+            self.plan = replace(self.plan, instruments=self.spindles.known())
+        return begin(self.plan, indicators)
+
+    def remark(self, guided: GuidedSession) -> None:
+        """Note in its record what the pushes told. Raises RecordError."""
+        if self.spindles is not None:
+            guided.note(self.spindles.remark())
 
 
 def opened_event(plan: Plan) -> Opened:

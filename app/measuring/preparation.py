@@ -63,7 +63,7 @@ class Preparation:
 
     def offer(self, machine: Machine) -> tuple[list[str], str]:
         """The procedures of a machine, and that of its usual one or the chosen one."""
-        names, chosen = procedures_of(machine), self.typed["procedure"]
+        names, chosen = procedures_of(machine), self.typed.get("procedure", "")
         before = self._usual or self.offered_for.usual_procedure
         self._usual, self.offered_for = self.usual_procedure(machine), machine
         stays = chosen != before and chosen in names
@@ -71,7 +71,7 @@ class Preparation:
 
     def procedure(self, machine: Machine) -> Procedure:
         """Shuffled where a seed is typed. Raises UsageError, RecordError."""
-        procedure = procedure_on(machine, self.typed["procedure"])
+        procedure = procedure_on(machine, self.typed.get("procedure", ""))
         seed = self.typed["random"]
         if not seed:
             return procedure

@@ -144,6 +144,7 @@ class CheckScreen(MainScreen[None]):
             guided = self._check.begin(self.app.indicators)
             self.app.indicators, self.app.guided = None, guided
             self.app.go_to(self.app.measuring(guided, self._check.plan))
+            self._check.remark(guided)
 
     async def action_back(self) -> None:
         indicators, self.app.indicators = self.app.indicators, None

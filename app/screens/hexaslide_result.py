@@ -126,10 +126,11 @@ class PostureWhatIfScreen(SizesScreen[None, CauseAtSize]):
     HELP = what_if_texts.WHAT_IF_HELP
     BINDINGS: ClassVar[list[BindingType]] = [*SIZE_KEYS]
     PAGES = (Page("left", "What is left", charts=1, text=False),)
+    trial: PostureTrial
+    """From when it is begun."""
 
     def __init__(self, path: Path, causes: CausesToTry, name: tuple[str, str]) -> None:
         super().__init__(what_if_texts.heading_text(name, path))
-        self.trial: PostureTrial | None = None
         self._causes, self._cause = causes, name
 
     def begun(self) -> Sizes:
@@ -137,11 +138,9 @@ class PostureWhatIfScreen(SizesScreen[None, CauseAtSize]):
         return self.trial.sizes
 
     def outcome(self, values: tuple[float, ...]) -> CauseAtSize:
-        assert self.trial is not None, "begun"
         return self.trial.at(values)
 
     def show(self, outcome: CauseAtSize) -> str:
-        assert self.trial is not None, "begun"
         before, readings = self.trial.at([0.0] * len(outcome.values)), self.trial.models.readings
         numbers = [readings.number(row) for row in range(len(readings.sliders))]
         self.follow("left", left_with(numbers, before, outcome))

@@ -372,18 +372,16 @@ class Interface(App[str]):
     def _show_keys(self) -> None:
         entries = [entry for entry in self.screen.active_bindings.values() if entry.enabled]
         entries.sort(key=lambda entry: not isinstance(entry.node, Screen))
-        keys = [(self.get_key_display(e.binding), e.binding.description) for e in entries]
-        self.push_screen(HelpDialog(texts.key_list_text([key for key in keys if key[1]])))
+        keys = ((self.get_key_display(e.binding), e.binding.description) for e in entries)
+        self.push_screen(HelpDialog(texts.key_list_text(keys)))
 
     def action_help(self) -> None:
         """Words about the focused panel, then about the screen."""
-        of_machines = "\n".join(look.words for look in self.looks)
         panels = (self.focused or self.screen).ancestors_with_self  # the screen is the last of them
         words = [p.HELP or str(p.tooltip or "") for p in panels if isinstance(p, Widget)]
-        help_text = "\n\n".join(dict.fromkeys(text for text in words if text))
-        help_text = self.keyed(help_text.replace(texts.WORDS_OF_LOOKS, of_machines))
+        help_text = texts.help_text(words, [look.words for look in self.looks])
         if not isinstance(self.screen, HelpDialog):
-            self.push_screen(HelpDialog(help_text or texts.NO_HELP))
+            self.push_screen(HelpDialog(self.keyed(help_text)))
 
     def key(self, key_id: str) -> str | None:
         """The first key of a binding by its id, as in force now; None for what is no such id."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import ClassVar
 
 from textual import work
@@ -15,7 +14,7 @@ from textual.binding import Binding, BindingType
 from app.measuring.attended import Press
 from app.measuring.doubts import TakenStep
 from app.measuring.gauges import Live
-from app.measuring.indicators import remember
+from app.measuring.indicators import propose_again
 from app.measuring.lost import LostIndicators
 from app.measuring.moving import Mover
 from app.measuring.plan import Plan
@@ -193,8 +192,7 @@ class MeasureScreen(Corrections, Resting):
                 return
             instruments = self.view.rename(number, port)
             self._show_step()
-            with suppress(GlidecalError):  # a proposal for the next time
-                await apart(self, remember, self.plan.machine.name, instruments)
+            await apart(self, propose_again, self.plan.machine, instruments)
             self.say(f"{self.guided.name_of(number).capitalize()} is read from here on.")
 
     def _tell_motion(self) -> bool:

@@ -103,8 +103,7 @@ class PagedScreen(MainScreen[ScreenResultType]):
         """Fill the pages, or begin to work out what they show."""
 
     def head(self, text: str) -> None:
-        for line in self.query("#heading").results(Static):  # none where the screen goes
-            line.update(text)
+        self.query_one("#heading", Static).update(text)
 
     def put(self, name: str, text: str | None, *charts: Chart) -> None:
         """Text and charts of a page, None: those of before; keys in the text are ids in braces."""
@@ -112,9 +111,9 @@ class PagedScreen(MainScreen[ScreenResultType]):
             if text is not None:
                 words.update(signalled(self.app.keyed(text)))
         for number, chart in enumerate(charts):
-            for plot in self.query(f"#{name}-chart{number}").results(ChartPlot):
-                plot.display = True
-                plot.show(chart)
+            plot = self.query_one(f"#{name}-chart{number}", ChartPlot)
+            plot.display = True
+            plot.show(chart)
 
     # without a description Textual makes one of the arguments, every number of a result in words:
     # seconds, in the thread that draws

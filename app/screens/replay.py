@@ -12,7 +12,6 @@ from textual.binding import Binding, BindingType
 from textual.events import Resize
 from textual.widgets import Log
 
-from app.evaluating.solution import solve_files
 from app.measuring.attended import TakenBy
 from app.measuring.playback import Playback
 from app.report.text import replay as texts
@@ -170,12 +169,12 @@ class ReplayScreen(MainScreen[None]):
 
     @once("result")
     async def action_result(self) -> None:
-        from app.screens.result import ResultScreen
+        from app.screens.result import result_of
 
         self._pause()
         try:
-            solved = await apart(self, solve_files, [self.path])
+            result = await apart(self, result_of, [self.path], verified=False)
             if self.is_current:
-                self.app.push_screen(ResultScreen(solved, None, self.path))
+                self.app.push_screen(result)
         except GlidecalError as problem:
             self.view.say(texts.UNSOLVED.format(problem))

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
-from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
@@ -22,7 +21,7 @@ from app.report.text import what_if as texts
 from app.report.text.home import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog
 from app.screens.paged import Page, PagedScreen
-from app.screens.pages import apart, signalled
+from app.screens.pages import apart, once, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
 from calib.identify.solution import Subset
@@ -53,10 +52,10 @@ Outcome = TypeVar("Outcome")
 class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outcome]):
     """Sizes that keys move, words on what they do above the pages."""
 
-    NEEDS = ("copy",)
+    NEEDS = ("best", "choose", "copy", "move", "nothing")
     LOOKING = NOTHING = texts.NOT_YET
-    sizes: Sizes | None = None
-    """How they can be moved; None until that is worked out."""
+    sizes: Sizes
+    """How they can be moved, from when that is worked out."""
     values: tuple[float, ...] = ()
     number = 0
     """Which of several sizes is moved."""
@@ -68,7 +67,6 @@ class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outco
         self._heading, self._doubt = heading, doubt
         self._why_not = self._figures = ""
         self._worked_out: tuple[float, ...] | None = None
-        self._following = False
 
     def above(self) -> ComposeResult:
         yield Static(texts.WORKING, id="what-if", classes="above", markup=False)
@@ -111,12 +109,10 @@ class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outco
         self.show_words()
         self._follow()
 
-    @work
+    @once("follow")
     async def _follow(self) -> None:
         """Work out the latest size; sizes that came and went meanwhile are left out."""
-        if self._following:
-            return
-        self._following = self.looking = True
+        self.looking = True
         while not self.ready:
             values = self.values
             try:
@@ -127,34 +123,30 @@ class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outco
                     break
             else:
                 self._worked_out, self._figures = values, self.show(self.now)
-        self._following = self.looking = False
+        self.looking = False
         self.show_words()
 
     def show_words(self) -> None:
-        if self.sizes is not None:
-            table = texts.sizes_text(self.sizes, self.values, self.number, self._why_not)
-            words = "\n".join(filter(None, [table, self._figures, self._doubt]))
-            self.wait(self.app.keyed(words))
+        table = texts.sizes_text(self.sizes, self.values, self.number, self._why_not)
+        words = "\n".join(filter(None, [table, self._figures, self._doubt]))
+        self.wait(self.app.keyed(words))
 
     def follow(self, name: str, chart: Chart) -> None:
         self.query_one(f"#{name}-chart0", ChartPlot).follow(chart)
 
     def action_move(self, steps: int) -> None:
-        if self.sizes is not None:
-            self.move_to(self.sizes.moved(self.values, self.number, steps))
+        self.move_to(self.sizes.moved(self.values, self.number, steps))
 
     def action_choose(self, by: int) -> None:
-        if self.sizes is not None:
-            self.number = (self.number + by) % len(self.values)
-            self.show_words()
+        self.number = (self.number + by) % len(self.values)
+        self.show_words()
 
     def action_nothing(self) -> None:
-        if self.sizes is not None:
-            self.move_to([0.0] * len(self.values))
+        self.move_to([0.0] * len(self.values))
 
     def action_best(self) -> None:
         """The sizes that fit best; where the readings do not tell them, why."""
-        if self.sizes is not None and self.sizes.best:
+        if self.sizes.best:
             self.move_to(self.sizes.best)
         else:
             self.app.complain(self._why_not or texts.NOT_YET)
@@ -210,7 +202,7 @@ class WhatIfScreen(SizesScreen[EffectEntry | None, WhatIf]):
         elif not any(self.values):
             self.app.complain(self.app.keyed(texts.NOTHING))
         else:
-            at_best = self.sizes is not None and self.values == self.sizes.best
+            at_best = self.values == self.sizes.best
             self.dismiss(entry.freed() if at_best else entry.held_at(self.values))
 
     def action_scroll(self, pages: int) -> None:

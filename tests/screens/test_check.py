@@ -71,6 +71,8 @@ async def test_a_swap_is_found_before_the_first_reading(tmp_path: Path) -> None:
             await push(0, "Each spindle was found at its place")
             await pilot.press("enter")
             await until(pilot, "measuring", lambda: isinstance(interface.screen, MeasureScreen))
+            display = interface.screen.query(GaugeDisplay).first()
+            assert second in str(display.border_subtitle), "as exchanged"
             places_mm[1] = 7.0
             await until(pilot, "order", lambda: numbers(interface.screen)[0] == "+7.000")
             await pilot.press("f10")

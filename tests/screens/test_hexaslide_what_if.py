@@ -44,7 +44,6 @@ async def test_the_size_is_moved_and_all_follows(scaled: Path) -> None:
         )
         screen = interface.screen
         assert isinstance(screen, PostureWhatIfScreen)
-        assert screen.trial is not None
         best = screen.values
         assert best == screen.trial.best
         without, with_it = figures(interface, "readings left")

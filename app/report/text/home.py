@@ -348,5 +348,11 @@ def key_words(key: str) -> str:
 
 
 def key_list_text(keys: Iterable[tuple[str, str]]) -> str:
-    """The keys of the present screen, one a line."""
-    return paragraphs("Keys of this screen", [f"{key:<12}{words}" for key, words in keys])
+    """The keys of the present screen that have words, one a line."""
+    return paragraphs("Keys of this screen", [f"{key:<12}{words}" for key, words in keys if words])
+
+
+def help_text(words: Iterable[str], of_machines: Iterable[str]) -> str:
+    """The ``words`` of panels and screen, each once, with those of the machines' own screens."""
+    text = "\n\n".join(dict.fromkeys(filter(None, words)))
+    return text.replace(WORDS_OF_LOOKS, "\n".join(of_machines)) or NO_HELP

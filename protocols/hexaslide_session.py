@@ -37,6 +37,7 @@ from protocols.hexaslide import (
     load_postures,
     machine_like,
 )
+from protocols.machine_files import beginning_of
 from protocols.record import Record, RecordForm, read_record
 from protocols.session import Closed, Line, Noted, Origin, Skipped, Superseded
 
@@ -427,6 +428,8 @@ def fold_postures(events: Iterable[object]) -> PostureSession:
 
 
 def read_postures(path: Path) -> tuple[PostureSession, Record]:
-    """A session and its record. Raises RecordError as `read_record`."""
+    """A session and its record. Raises RecordError as `read_record`, and for measurements alone."""
+    if SCHEMA.encode() in beginning_of(path):
+        raise RecordError(f"session {path}", "a file of measurements", "a session")
     record = read_record(path, POSTURE_FORM)
     return replace(fold_postures(record.events), name=path.name), record

@@ -253,11 +253,8 @@ def _indicated(line: IndicatorLine) -> tuple[str, str]:
 
 def validated(path: Path) -> str:
     """Raises RecordError for a record that is not whole, or not closed."""
-    from protocols.hexaslide import is_record
     from protocols.hexaslide_session import read_postures
 
-    if not is_record(path):
-        raise RecordError(f"session {path}", "a file of measurements", "a session")
     session, record = read_postures(path)
     if record.unfinished:
         next_step = f"Continue it with: glidecal run --continue {path}"

@@ -35,6 +35,7 @@ WRITING = {
     "simulate hexaslide": (("simulate", *HEXA, "-o", "{}"), ""),
     "its truth": (("simulate", *HEXA, "-o", "{}-other", "--truth", "{}"), ""),
     "macro": (("plan", "--machine", "linear-delta", "--macro", "marlin", "-o", "{}"), ""),
+    "machine": (("machine", "-o", "{}.toml"), ""),
     "report": (("report", SAMPLE, "-o", "{}.html"), ""),
     "template": (("import", "{}.csv", "--template"), ""),
     "template xlsx": (("import", "{}.xlsx", "--template"), ""),

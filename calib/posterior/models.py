@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arrays import FloatArray, IntArray
+from calib.arrays import BLIND, FloatArray, IntArray
 from calib.posterior.cells import Cells
 from calib.posterior.labels import Mistake
 from calib.posterior.library import OTHER_BARS, Component
@@ -284,17 +284,28 @@ class Posterior:
 
     @cached_property
     def distances_left(self) -> FloatArray:
-        """What the likeliest model leaves of all distances ``(n,)``, in standard deviations."""
-        model, rows = self.models[0], self.linear.rows
-        mine, count = slice(rows.cells, rows.exact), self.parameter_count
-        remainder = rows.residual[mine] - rows.base[mine] @ (model.mean[:count] - rows.value)
+        """Each distance less what the likeliest model expects of it by all else ``(n,)``.
+
+        In standard deviations of that difference: who looks at what is left alone takes one that
+        is wrong for something else, which follows it.
+        """
+        model = self.models[0]
+        rows, count = self.linear.rows, self.parameter_count
+        mine = slice(rows.cells, rows.exact)
+        design = np.zeros((rows.exact - rows.cells, len(model.mean)))
+        design[:, :count] = rows.base[mine]
         widths = [len(self.components[k].unit) for k in model.everywhere]
         starts = [*(np.cumsum([count, *widths[:-1]])), *self.starts(model)]
         for k, at in zip((*model.everywhere, *model.members), starts, strict=True):
             unit = self.components[k].unit
             columns = self.linear.columns[mine][:, self.linear.index[k]]
-            remainder = remainder - columns @ (model.mean[at : at + len(unit)] / unit)
-        return np.asarray(remainder)
+            design[:, at : at + len(unit)] = columns / unit
+        values = model.mean.copy()
+        values[:count] -= rows.value
+        fitted = ((design @ model.covariance) * design).sum(axis=1) / model.inflated**2
+        return np.asarray(
+            (rows.residual[mine] - design @ values) / np.sqrt(np.maximum(1.0 - fitted, BLIND))
+        )
 
     @property
     def likely_mistakes(self) -> tuple[LikelyMistake, ...]:

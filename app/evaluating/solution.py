@@ -60,17 +60,12 @@ BEYOND_CHANCE = 4.0
 class FurthestDistance:
     """A ``distance`` of the record of ``session`` that is so many standard ``deviations`` longer.
 
-    Than the likeliest model makes it; shorter where they are negative.
+    Than all else makes it; shorter where they are negative.
     """
 
     session: str
     distance: Distance
     deviations: float
-
-    @property
-    def off_mm(self) -> float:
-        """By how much it is longer."""
-        return self.deviations * self.distance.deviation_mm
 
 
 @dataclass(frozen=True, eq=False)

@@ -286,8 +286,8 @@ class Posterior:
     def distances_left(self) -> FloatArray:
         """Each distance less what the likeliest model expects of it by all else ``(n,)``.
 
-        In standard deviations of that difference: who looks at what is left alone takes one that
-        is wrong for something else, which follows it.
+        In standard deviations of that difference. What is left of a fit to all hides a wrong one:
+        something else follows it.
         """
         model = self.models[0]
         rows, count = self.linear.rows, self.parameter_count

@@ -187,11 +187,11 @@ def doubt_lines(solved: SessionSolution) -> Iterator[str]:
         )
     if furthest := solved.furthest_distance:
         distance = furthest.distance
-        way = "longer" if furthest.off_mm > 0.0 else "shorter"
+        way = "longer" if furthest.deviations > 0.0 else "shorter"
         yield (
             f"WARNING: distance {distance.distance} of {furthest.session}, "
-            f"{distance.value_mm:g} mm, is {abs(furthest.off_mm):.2f} mm {way} than on the "
-            f"machine of the model: {abs(furthest.deviations):.0f} standard deviations. "
+            f"{distance.value_mm:g} mm, is {abs(furthest.deviations):.0f} standard deviations "
+            f"{way} than all else makes it. "
             "Measure it again, or remove it."
         )
 

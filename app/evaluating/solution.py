@@ -58,9 +58,9 @@ BEYOND_CHANCE = 4.0
 
 @dataclass(frozen=True)
 class FurthestDistance:
-    """A ``distance`` of the record of ``session`` that is so many standard ``deviations`` longer.
+    """A ``distance`` in the record of ``session``, longer than all else tells.
 
-    Than all else makes it; shorter where they are negative.
+    By so many standard ``deviations``; shorter where they are negative.
     """
 
     session: str

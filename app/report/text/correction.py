@@ -191,7 +191,7 @@ def doubt_lines(solved: SessionSolution) -> Iterator[str]:
         yield (
             f"WARNING: distance {distance.distance} of {furthest.session}, "
             f"{distance.value_mm:g} mm, is {abs(furthest.deviations):.0f} standard deviations "
-            f"{way} than all else makes it. "
+            f"{way} than all other readings give. "
             "Measure it again, or remove it."
         )
 

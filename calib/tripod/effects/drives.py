@@ -209,13 +209,14 @@ class Straightness(OfFoot):
 
     id = "straightness"
     title = "a guide is not straight: the foot leaves its line sideways"
-    parameters = (EffectParameter("sideways_at_100mm", "mm", 0.02, power=2),)
+    parameters = (EffectParameter("sideways_at_100mm", "mm", 0.02),)
     controller = "axis {axis}: the kinematics of export --format linuxcnc-kins"
+    power = 2
 
     def off(self, at: Acting) -> NDArray[Any]:
         """By value (travel / 100 mm) to the power."""
         part = travel_mm(at.flow, at.leg) / AT_MM
-        return np.asarray(at.values[0] * part ** self.parameters[0].power)
+        return np.asarray(at.values[0] * part**self.power)
 
 
 @dataclass(frozen=True)
@@ -224,7 +225,8 @@ class StraightnessOfThirdOrder(Straightness):
 
     id = "straightness_cubic"
     title = "a guide is bent like an S: the foot leaves its line sideways"
-    parameters = (EffectParameter("s_shape_at_100mm", "mm", 0.02, power=3),)
+    parameters = (EffectParameter("s_shape_at_100mm", "mm", 0.02),)
+    power = 3
 
 
 @dataclass(frozen=True)
@@ -233,7 +235,8 @@ class StraightnessOfFourthOrder(Straightness):
 
     id = "straightness_fourth"
     title = "a guide is bent like a W: the foot leaves its line sideways"
-    parameters = (EffectParameter("w_shape_at_100mm", "mm", 0.02, power=4),)
+    parameters = (EffectParameter("w_shape_at_100mm", "mm", 0.02),)
+    power = 4
 
 
 @dataclass(frozen=True)

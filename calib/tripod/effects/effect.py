@@ -32,7 +32,7 @@ class EffectParameter:
     """One parameter: name, unit, a size in that unit that nobody would remark on.
 
     ``limit`` is a size that nobody can overlook, ``least`` the smallest value that has a meaning.
-    ``power`` is that of travel / `AT_MM` in a law of which the value is the size there.
+    ``power`` is that of travel / `AT_MM` in a law without a name; its value is the size there.
     """
 
     name: str

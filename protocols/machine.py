@@ -33,7 +33,7 @@ from protocols.documents import (
     refuse_empty,
     with_serial_number,
 )
-from protocols.machine_files import MACHINES, SCHEMA, USUAL_MACHINE, machine_names, schema_of
+from protocols.machine_files import SCHEMA, USUAL_MACHINE, machine_files, machine_names, schema_of
 
 Length = Annotated[float, Field(ge=0.001, le=100_000.0)]
 
@@ -390,7 +390,7 @@ def load_machine(name_or_path: Path | str | None) -> Machine:
     Raises UsageError for an unknown name and RecordError for a file that cannot be used.
     """
     name = USUAL_MACHINE if name_or_path is None else str(name_or_path)
-    path = MACHINES / f"{name}.toml" if name in machine_names() else Path(name)
+    path = machine_files()[name] if name in machine_names() else Path(name)
     if path.name == name and not path.suffix and not path.exists():
         choices = f"{', '.join(machine_names())}, or the path of a machine file"
         raise UsageError("machine", repr(name), choices)
@@ -407,6 +407,6 @@ def load_machine(name_or_path: Path | str | None) -> Machine:
         machine,
         f"machine file {path}",
         "at least the name of the machine, and what differs from the machine of the papers",
-        f"Copy {MACHINES / USUAL_MACHINE}.toml, or name {USUAL_MACHINE} in place of the file.",
+        f"glidecal machine writes a whole one; or name {USUAL_MACHINE} in place of the file.",
     )
     return machine

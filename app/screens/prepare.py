@@ -35,7 +35,7 @@ from app.measuring.preparation import (
 )
 from app.report.text import home as texts
 from app.report.text.indicator import findings_text, trial_text
-from app.report.text.preparing import indicator_lines, prepared_text
+from app.report.text.preparing import indicator_lines, prepared_texts
 from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.interface import MainScreen
 from app.screens.pages import apart
@@ -256,11 +256,11 @@ class PrepareScreen(FormScreen[None]):
             machine = self._read().machine()
             self._offer(machine)
             self._propose(machine)
-            text = prepared_text(self._read())
+            text, lines = prepared_texts(self._read(), machine)
         except GlidecalError as problem:
-            text = str(problem)
+            text, lines = str(problem), indicator_lines(self._prepared)
         self.query_one("#summary", Static).update(text)
-        for name, words in zip(INDICATORS, indicator_lines(self._prepared), strict=True):
+        for name, words in zip(INDICATORS, lines, strict=True):
             self.query_one(f"#{name}", IndicatorField).update(self.app.keyed(words))
 
     def _read(self) -> Preparation:

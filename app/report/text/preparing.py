@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 
 from app.measuring.gauges import PushResult, SpindleCheck
 from app.measuring.indicators import (
@@ -49,13 +48,12 @@ def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[
     )
 
 
-def prepared_text(prepared: Preparation) -> str:
-    """What would be measured, and what of the form is still missing or wrong. Raises RecordError
-    and UsageError for the machine.
-    """
-    machine, parts = prepared.machine(), []
+def prepared_texts(prepared: Preparation, machine: Machine) -> tuple[str, list[str]]:
+    """What would be measured, what of the form is still missing or wrong, and `indicator_lines`."""
+    parts, without = [], NO_INDICATOR
     try:
         procedure = prepared.procedure(machine)
+        without = NO_INDICATOR if procedure.plate is None else NO_INDICATOR_AT_PLATE
         axes = [instrument.axes for instrument in prepared.some_instruments(procedure)]
         parts.append(procedure_sentence(procedure, machine.geometry(), axes))
         if any(prepared.forms):
@@ -64,20 +62,16 @@ def prepared_text(prepared: Preparation) -> str:
             parts.append(CHOOSE_INDICATOR)
     except GlidecalError as problem:
         parts.append(str(problem))
-    return "\n".join(parts)
+    return "\n".join(parts), indicator_lines(prepared, without)
 
 
-def indicator_lines(prepared: Preparation) -> list[str]:
-    """A line for each of both indicators; without one what its absence means."""
-    none = NO_INDICATOR
-    with suppress(GlidecalError):
-        if prepared.procedure(prepared.machine()).plate is not None:
-            none = NO_INDICATOR_AT_PLATE
+def indicator_lines(prepared: Preparation, without: Sequence[str] = NO_INDICATOR) -> list[str]:
+    """A line for each of both indicators, or what its absence means."""
     return [
         form_words(form, prepared.source, gone=port_is_gone(str(form.get("port", ""))))
         if form
-        else without
-        for form, without in zip(prepared.forms, none, strict=True)
+        else words
+        for form, words in zip(prepared.forms, without, strict=True)
     ]
 
 

@@ -12,13 +12,16 @@ from pathlib import Path
 
 import pytest
 from textual import events
+from textual._context import active_message_pump
 from textual.css.query import NoMatches
 from textual.pilot import Pilot
 from textual.screen import Screen
+from textual.worker import WorkerFailed
 
 from app.evaluating.comparison import compare_files
 from app.evaluating.solution import solve_files
 from app.screens.diagnose import DiagnoseScreen
+from app.screens.fast_keys import lacks_parts
 from app.screens.history import CompareScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
@@ -115,6 +118,26 @@ async def test_parts_that_are_missing_while_all_are_there_are_a_fault(folder: Pa
     with pytest.raises(NoMatches):
         await looked_for_what_is_nowhere()
     assert interface.return_code == 1
+
+
+async def test_a_worker_too_may_miss_parts_of_a_screen_that_is_gone(folder: Path) -> None:
+    interface, dialog = Glidecal(HomeScreen()), ChoiceDialog("Which?", [("a", "a")])
+    problems = NoMatches("none"), WorkerFailed(NoMatches("none")), WorkerFailed(ValueError("other"))
+
+    def lacking() -> list[bool]:
+        token = active_message_pump.set(dialog)
+        try:
+            return [lacks_parts(problem) for problem in problems]
+        finally:
+            active_message_pump.reset(token)
+
+    async with interface.run_test(size=SIZE) as pilot:
+        interface.push_screen(dialog)
+        await until(pilot, "the dialog", lambda: dialog.is_current and dialog.is_running)
+        assert lacking() == [False, False, False]
+        interface.pop_screen()
+        await until(pilot, "its end", lambda: not dialog.is_running)
+        assert lacking() == [True, True, False]
 
 
 async def acted_on(interface: Interface) -> None:

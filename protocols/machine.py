@@ -142,7 +142,7 @@ class MotionLimits(Document):
         return self
 
 
-ORTHOGLIDE_DRIVES = (
+SQUARE_DRIVES = (
     Drive(origin_mm=ZERO, direction=(1.0, 0.0, 0.0)),
     Drive(origin_mm=ZERO, direction=(0.0, 1.0, 0.0)),
     Drive(origin_mm=ZERO, direction=(0.0, 0.0, 1.0)),
@@ -153,7 +153,7 @@ class Machine(Document):
     """One machine: geometry in mm, and what its controller holds.
 
     ``serial_number`` tells it from others of its ``name``, and ``place`` where it is.
-    Without ``drive`` it is an Orthoglide along the coordinates. ``workspace_mm`` is the box that
+    Without ``drive`` the drives are the axes of the coordinates. ``workspace_mm`` is the box that
     errors of the tool are judged over, lowest and highest corner from Zero; with ``set_at_zero``
     they count from the tool's place at Zero. ``usable_bar`` are the fractions of every bar, from
     the tool end, between which joints and stand leave room for an indicator. ``procedure`` is taken
@@ -196,7 +196,7 @@ class Machine(Document):
     """
 
     schema_id: Literal["glidecal.machine/1"] = Field(alias="schema", default="glidecal.machine/1")
-    name: Name = "orthoglide"
+    name: Name = USUAL_MACHINE
     serial_number: Words | None = None
     place: Words | None = None
     leg_length_mm: Length = 310.25
@@ -312,7 +312,7 @@ class Machine(Document):
         lines = zip(geometry.origin_mm, geometry.direction, strict=True)
         x, y, z = (
             drive.model_copy(update={"origin_mm": _rounded(at, 4), "direction": _rounded(way, 7)})
-            for drive, (at, way) in zip(self.drive or ORTHOGLIDE_DRIVES, lines, strict=True)
+            for drive, (at, way) in zip(self.drive or SQUARE_DRIVES, lines, strict=True)
         )
         return self.model_copy(update={"drive": (x, y, z)})
 
@@ -329,7 +329,7 @@ class Machine(Document):
 
     def geometry(self) -> Geometry:
         """The nominal geometry for the mathematics."""
-        x, y, z = self.drive or ORTHOGLIDE_DRIVES
+        x, y, z = self.drive or SQUARE_DRIVES
         lengths = [bar.leg_length_mm or self.leg_length_mm for bar in (x, y, z)]
         usable = [bar.usable_bar or self.usable_bar for bar in (x, y, z)]
         return Geometry(

@@ -175,7 +175,7 @@ class RemainingOffset:
     ]
     expanded_mm: Annotated[
         float,
-        Quantity("± U (95 %)", "mm", "uncertainty", 4, "expanded uncertainty of what remains"),
+        Quantity("± U of both (95 %)", "mm", "uncertainty", 4, "what both sessions leave open"),
     ]
     entered: Annotated[Entered, Quantity("", words="what became of the value at the controller")]
     standard_mm: float = field(metadata=INTERNAL)

@@ -29,6 +29,7 @@ from app.report.pages.figures import (
     evidence_svg,
     legs_svg,
     maps_svg,
+    pareto_svg,
     svg_of,
     vectors_svg,
 )
@@ -340,7 +341,12 @@ def _budget(solved: SessionSolution) -> Section:
         "is for the case that what the parameters leave is noise. The bound at the tool is not "
         "made of these: it is over everything that may be true of the machine."
     )
-    return Section("Uncertainty budget of these parameters", [sentence, of_values])
+    shares = Picture(
+        pareto_svg(solved.budget),
+        "Sources of the uncertainty of these parameters, the largest first. The line is their "
+        "share of the square of U so far. U of the values to enter is another one.",
+    )
+    return Section("Uncertainty budget of these parameters", [sentence, of_values, shares])
 
 
 def _again(verified: Verification) -> Section:

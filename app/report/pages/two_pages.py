@@ -11,7 +11,7 @@ from app.evaluating.comparison import Verification
 from app.evaluating.solution import SessionSolution
 from app.report.certificate import CertificateHead, CertifiedCalibration
 from app.report.charts.legs import LegFigure
-from app.report.pages.figures import leg_sheet_svg, pareto_svg
+from app.report.pages.figures import leg_sheet_svg
 from app.report.text.caveats import caveats, caveats_of_view, gauge_word, taken_word
 from app.report.text.correction import (
     FRAME_WORDS,
@@ -32,6 +32,12 @@ LONGEST, LONGEST_ENTRY, LONGEST_CELL = 220, 60, 28
 
 MOST_SESSIONS, MOST_INSTRUMENTS, MOST_LIMITS, MOST_WARNINGS = 2, 3, 3, 2
 """So many are on these pages; the annex has all."""
+
+UNCERTAINTY = (
+    "± U of a value to enter, and the bound of the tool error, are for 95 % of everything that may "
+    "be true of the machine with these readings. They are no sum of sources. The budget in the "
+    "annex is of other values, the parameters as the papers identify them."
+)
 
 MOST_LEGS = 12
 """Pictures of legs for which there is room."""
@@ -64,13 +70,8 @@ def first_page(calibration: CertifiedCalibration) -> list[Section]:
 
 
 def second_page(calibration: CertifiedCalibration, legs: Sequence[LegFigure]) -> list[Section]:
-    """Whether the values were entered, the uncertainty, the pictures of legs, and what limits."""
+    """Whether the values were entered, what U covers, the pictures of legs, and what limits."""
     solved = calibration.solved
-    budget = Picture(
-        pareto_svg(solved.budget),
-        "Sources of the uncertainty of the identified parameters, the largest first. The line is "
-        "their share of the square of U so far.",
-    )
     heading = f"{taken_word(solved).capitalize()}s"
     caption = (
         f"{heading} with the fit, in mm, and below each what the fit leaves, in µm. All have the "
@@ -81,7 +82,7 @@ def second_page(calibration: CertifiedCalibration, legs: Sequence[LegFigure]) ->
     sheet = [Picture(leg_sheet_svg(legs[:MOST_LEGS]), caption)] if legs else []
     return [
         Section("Entered and verified", _verified(calibration.verified)),
-        Section("Uncertainty budget", [budget]),
+        Section("Uncertainty", [UNCERTAINTY]),
         *([Section(heading, sheet)] if sheet else []),
         Section("Limits of this result", _limits(calibration)),
     ]

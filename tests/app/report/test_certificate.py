@@ -59,7 +59,9 @@ def check_pages(pages: Sequence[str], identification: str) -> None:
         assert identification in page
     assert "Traceability" in first
     assert "Result" in first
-    assert "Uncertainty budget" in second
+    assert "Uncertainty budget" not in first + second, "no second U beside that of the values"
+    assert "Uncertainty" in second
+    assert any("Uncertainty budget of these parameters" in page for page in pages[2:])
     assert "Limits of this result" in second
     assert "Signature" in second
     assert "Annex What was measured" in third

@@ -133,7 +133,7 @@ def test_the_budget_adds_up_to_what_is_stated(experiment: CalibrationReport) -> 
 
 def test_the_shares_of_the_budget_add_up(experiment: CalibrationReport) -> None:
     """Each beside the table: r.m.s. over the parameters, their squares up to the whole."""
-    (picture,) = _pictures(_section(experiment, "Uncertainty budget"))
+    (picture,) = _pictures(_section(experiment, BUDGET))
     words = {"".join(element.itertext()) for element in ElementTree.fromstring(picture.svg).iter()}
     solved = solve_files([EXPERIMENT])
     shares, sources = solved.budget, solved.solution.budget_mm

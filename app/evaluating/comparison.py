@@ -154,6 +154,15 @@ def partner_of(path: Path, verifies: str | None) -> Path | None:
     return beside if beside is not None and beside.is_file() else None
 
 
+def reported_pair(path: Path) -> tuple[Path, Path | None]:
+    """What the report of a session is about: of one that verifies another beside it, both.
+
+    Raises RecordError for a file that cannot be used.
+    """
+    before = partner_of(path, read_record(path).opened.verifies)
+    return (path, None) if before is None else (before, path)
+
+
 Entered = Literal["as expected", "not entered", "wrong sign", "something else"]
 
 LESS_COMMON = "Joint offsets are compared less what all three share: a plate does not show that."

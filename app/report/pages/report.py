@@ -14,6 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from rich.console import RenderableType
 from rich.table import Column, Table
 
+from app.evaluating.comparison import reported_pair
 from app.report.certificate import CertificateHead, calibration_of, issue_number
 from app.report.pages.contents import CalibrationReport, report_from
 from app.report.pages.history import HistoryPage
@@ -162,7 +163,13 @@ def source_of_legs(
     tolerance_mm: float | None = None,
     head: CertificateHead | None = None,
 ) -> ReportSource:
-    """Of sessions of a machine with three drives. Raises as `calibration_of`."""
+    """Of sessions of a machine with three drives; a single one as `reported_pair` has it.
+
+    Raises as `calibration_of`.
+    """
+    if len(sessions) == 1 and after is None:
+        first, after = reported_pair(sessions[0])
+        sessions = [first]
     calibration = calibration_of(
         sessions, model=model, after=after, tolerance_mm=tolerance_mm, head=head
     )

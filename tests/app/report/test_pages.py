@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import math
 import re
+import shutil
 from base64 import b64decode
 from collections.abc import Sequence
 from dataclasses import replace
@@ -167,6 +168,21 @@ def test_what_to_enter_comes_on_top(tmp_path: Path) -> None:
         [a + b for a, b in zip(current, change, strict=True)], abs=1e-4
     )
     assert "A. Fitter" in Page(html_of(report)).text
+
+
+def test_a_session_that_verifies_another_is_reported_with_it(tmp_path: Path) -> None:
+    """In the terminal, by key and in the browser alike; alone where the other file is gone."""
+    before, after = tmp_path / "before.jsonl", tmp_path / "after.jsonl"
+    shutil.copy(SIMULATED, before)
+    record = read_record(before)
+    opened = record.opened.model_copy(update={"verifies": before.name})
+    write_whole(after, opened, [*record.events[1:-1]])
+    pair = glidecal("report", before, "--after", after, "-o", "-").out
+    assert "Measured again, with the offsets entered" in pair
+    assert glidecal("report", after, "-o", "-").out == pair
+    assert "No session after" in glidecal("report", before, "-o", "-").out
+    before.unlink()
+    assert "No session after" in glidecal("report", after, "-o", "-").out
 
 
 def test_readings_that_were_questioned_stand_by_themselves(tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ from protocols.session import (
     Continued,
     Event,
     Opened,
+    Origin,
     Reading,
     Superseded,
     measured_words,
@@ -45,6 +46,7 @@ class SessionFile:
     """One session file: its state in words, whether it can go on, what it verifies.
 
     ``machine`` is its title, ``day`` when it was measured; empty where the file cannot be read.
+    ``origin`` is that of its readings.
 
     ``empty``: it was left before its first reading. ``problem`` is the reason why a file cannot be
     used; empty for a readable session. One with its ``own_form`` is
@@ -60,6 +62,7 @@ class SessionFile:
     own_form: bool = False
     machine: str = ""
     day: str = ""
+    origin: Origin = "measured"
 
 
 def recent_sessions(*folders: Path) -> list[SessionFile]:
@@ -113,7 +116,7 @@ def look_at(path: Path) -> SessionFile:
         else:
             record = read_record(path)
             opened, state = record.opened, _state(record)
-        return replace(state, machine=opened.machine.title, day=measured_words(opened))
+        return _of(state, opened)
     except GlidecalError as problem:
         return SessionFile(path, "unreadable", problem=str(problem))
 
@@ -132,8 +135,13 @@ def _state_of_form(path: Path, form: str) -> SessionFile:
     if record.end != "closed":
         state += "; go on in the terminal: glidecal run --continue"
     opened = cast("Opened", record.events[0])  # that of its form has these keys, too
+    return _of(SessionFile(path, state, empty=not count, own_form=True), opened)
+
+
+def _of(file: SessionFile, opened: Opened) -> SessionFile:
+    """With the machine and the day of its first line."""
     machine, day = opened.machine.title, measured_words(opened)
-    return SessionFile(path, state, empty=not count, own_form=True, machine=machine, day=day)
+    return replace(file, machine=machine, day=day, origin=opened.origin)
 
 
 def check_session(path: Path) -> None:

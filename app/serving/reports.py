@@ -263,30 +263,29 @@ def _refuse_from_elsewhere(request: web.Request) -> None:
 def _rows(paths: Sequence[Path], folder: Path | None) -> tuple[Row, ...]:
     """Of sessions; a decision where a history worked it out."""
     from app.evaluating.history import known_decisions  # heavy: not for the pages of replays
+    from app.report.text.history import ORIGIN_WORDS
 
     decisions, rows = known_decisions(paths), []
     for path in paths:
         name, seen = str(path.relative_to(folder)) if folder else path.name, look_at(path)
         decision = decisions[path] or "" if path in decisions else NOT_KNOWN
-        cells = (seen.state, seen.machine, seen.day, "" if seen.problem else decision)
+        machine = f"{seen.machine}{ORIGIN_WORDS[seen.origin]}"
+        cells = (seen.state, machine, seen.day, "" if seen.problem else decision)
         rows.append((f"/reports/{_key(path)}", printable(name), tuple(map(printable, cells))))
     return tuple(rows)
 
 
 def _machines(key: str, document: dict[str, Any]) -> tuple[Row, ...]:
-    """Of a history, by name and serial number, whatever the origin of the sessions."""
-    sessions: dict[str, list[str]] = {}
+    """Of a history, by name, serial number and origin; a page has a machine of every origin."""
+    from app.report.text.history import ORIGIN_WORDS  # heavy: not for the pages of replays
+
+    rows = []
     for machine in (*document["machines"], *document["posture_machines"]):
-        days = [session["began"][:10] for session in machine["sessions"]]
-        sessions.setdefault(machine["title"], []).extend(days)
-    return tuple(
-        (
-            f"/history/{key}?{urlencode({'machine': title})}",
-            printable(title),
-            (f"{len(days)}", max(days)),
-        )
-        for title, days in sessions.items()
-    )
+        title, days = machine["title"], [session["began"] for session in machine["sessions"]]
+        address = f"/history/{key}?{urlencode({'machine': title})}"
+        name = printable(f"{title}{ORIGIN_WORDS[machine['origin']]}")
+        rows.append((address, name, (f"{len(days)}", max(days)[:10])))
+    return tuple(rows)
 
 
 def _key(path: Path) -> str:

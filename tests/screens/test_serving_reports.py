@@ -28,6 +28,7 @@ from calib.tripod.pipeline import Model
 from protocols.journal import write_whole
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
+from protocols.record import read_record
 from tests.app.cli import glidecal, refused
 from tests.conftest import LONG, SAMPLES
 from tests.screens.driving import SIZE, history_shown, said, until
@@ -278,6 +279,25 @@ def simulated(path: Path, **changes: object) -> None:
     write_whole(path, session.opened, [*session.readings])
 
 
+async def test_demonstrations_are_apart(tmp_path: Path) -> None:
+    """Beside a measured session of the same machine."""
+    simulated(tmp_path / "demo.jsonl")
+    record = read_record(tmp_path / "demo.jsonl")
+    measured = record.opened.model_copy(update={"origin": "measured"})
+    write_whole(tmp_path / "real.jsonl", measured, [*record.events[1:-1]])
+    title = measured.machine.title
+    async with in_process(ReportPages([tmp_path])) as client:
+        page = await (await client.get("/reports")).text()
+        assert page.count(f"<td>{title}</td>") == 1
+        assert page.count(f"<td>{title}, simulated</td>") == 1
+        history = links(page)["History of this folder"]
+        page = await (await client.get(history)).text()
+        assert re.findall(r'<a href="/history/[^"]*">(.*?)</a></td><td>(\d)<', page) == [
+            (title, "1"),
+            (f"{title}, simulated", "1"),
+        ]
+
+
 @LONG
 async def test_each_machine_has_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is not worked out yet is counted; the page loads itself until nothing is missing."""
@@ -296,12 +316,13 @@ async def test_each_machine_has_a_page(tmp_path: Path, monkeypatch: pytest.Monke
         page = await (await client.get(address)).text()
         assert "worked out" not in page
         machines = dict(re.findall(r'<a href="(/history/[^"]*machine=[^"]*)">(.*?)</a>', page))
-        assert [*machines.values()] == ["mill &amp; lathe", "mill &lt;1&gt;"]
+        names = ["mill &amp; lathe, simulated", "mill &lt;1&gt;, simulated"]
+        assert [*machines.values()] == names
         for target, words in machines.items():
             answer = await client.get(URL(html.unescape(target), encoded=True))
             assert answer.status == 200
             page = await answer.text()
-            assert f"<h2>{words}, simulated</h2>" in page
+            assert f"<h2>{words}</h2>" in page
             assert page.count("<h2>") == 1
             assert page.count("data:image/svg+xml") == 1
             assert "dotted: the tolerance" in page

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -109,6 +110,12 @@ def test_the_command_lists_file_values_and_every_key(file: Path) -> None:
     assert row.split() == ["measure.take", "space", "space,f2", "Take"]
     for key_id in ("app.quit", "check.begin", "prepare.dry-run", "page.copy", "replay.play"):
         assert key_id in run.out
+    assert "…" not in run.out, "an id is copied"
+    rows = [re.split(r" {2,}", line.strip()) for line in run.out.splitlines()]
+    (does,) = (row[-1] for row in rows if row[0] == "what_if.much_larger")
+    assert does == "Much larger"
+    (keys,) = (row for row in rows if row[0] == "hexaslide.next_posture")
+    assert keys == ["hexaslide.next_posture", "plus", "Next posture"]
 
 
 def test_a_theme_is_added_and_replaced_and_the_rest_stays(file: Path) -> None:

@@ -37,7 +37,7 @@ first. Choose one of them to see what can be done with it. The command
 palette, Ctrl+P, has themes, keys and a screenshot."""
 
 ONLY_SHOWN = "This program only shows sessions: nothing is written and nothing is measured."
-REPORTS_SERVED = "Reports to read and print: in the browser, /reports behind this address."
+REPORTS_SERVED = "Reports to read and print: in the browser, add /reports to this address."
 HISTORY_OF = "History of {}"
 REPLAY_QUESTION = f"Which session do you want to see? {LIST_KEYS}."
 HOME_QUESTION = f"What do you want to do? {LIST_KEYS}."
@@ -326,8 +326,13 @@ def settings_text(path: Path, exists: bool, settings: Settings, keys: Iterable[K
     """Where the file is, what holds now, and every key that can be changed."""
     state = "" if exists else " (not there yet: everything has its default)"
     table = new_table("id", "default", "now", "does", left=4)
-    for key_id, default, words in keys:
-        table.add_row(key_id, ", ".join(default), settings.keys.get(key_id, ""), words)
+    rows = [*keys]
+    # an id is copied
+    table.columns[0].min_width = max((len(key_id) for key_id, *_ in rows), default=0)
+    for key_id, default, words in rows:
+        table.add_row(
+            key_id, ", ".join(default), settings.keys.get(key_id, ""), _does(key_id, words)
+        )
     return paragraphs(
         [f"Settings file: {path}{state}", f"{FILE_VARIABLE} names another file."],
         f"theme       {settings.theme or 'default'}\n"
@@ -336,6 +341,11 @@ def settings_text(path: Path, exists: bool, settings: Settings, keys: Iterable[K
         'Keys; under [keys] a line such as "measure.take" = "space,f2" changes them:',
         table,
     )
+
+
+def _does(key_id: str, words: str) -> str:
+    """A key without words of its own has those of its id."""
+    return key_id.partition(".")[2].replace("_", " ").capitalize() if "(" in words else words
 
 
 KEY_WORDS = {"comma": ",", "plus": "+", "minus": "-", "pageup": "page up", "pagedown": "page down"}

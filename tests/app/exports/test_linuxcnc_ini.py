@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from app.exports.linuxcnc_ini import Entries, read_controller
 from calib.errors import GlidecalError
 from tests.app.cli import glidecal, refused
-from tests.conftest import LONG
+from tests.conftest import LONG, ROOT
 
 INIVAR, START = shutil.which("inivar"), shutil.which("linuxcnc")
 SAMPLES = Path("/usr/share/doc/linuxcnc/examples/sample-configs")
@@ -215,3 +216,20 @@ def test_joints_of_the_machine_file_come_before_those_of_the_kinematics(tmp_path
         3, "simulate", "--machine", machine, "--seed", "2", "-o", tmp_path / "t.jsonl"
     )
     assert "each drive once" in message
+
+
+def test_an_error_that_no_table_follows_is_refused_as_the_page_says(tmp_path: Path) -> None:
+    """A screw of 5 mm with 90 µm along the travel of an orthoglide."""
+    sizes = {"sine_5mm": {"value": 90.0, "unit": "µm"}, "cosine_5mm": {"value": 0.0, "unit": "µm"}}
+    document = {
+        "schema": "glidecal.model/1",
+        "parameters_mm": dict.fromkeys(("d_rho_x", "d_rho_y", "d_rho_z"), 0.0),
+        "effects": [{"id": "actuator_cyclic", "where": "x", "parameters": sizes}],
+    }
+    (tmp_path / "screw.json").write_text(json.dumps(document), encoding="utf-8")
+    ini = written(tmp_path, INI.replace("COMP_FILE = z.comp\n", ""))
+    options = ("--format", "linuxcnc", "--ini", ini, "-o", tmp_path / "out")
+    assert "256 points do not follow" in refused(2, "export", tmp_path / "screw.json", *options)
+    page = " ".join((ROOT / "docs" / "export.md").read_text(encoding="utf-8").split())
+    (exit_2,) = re.findall(r"Also exit 2: ([^.]*)\.", page)
+    assert "an error that 256 points of a table do not follow" in exit_2

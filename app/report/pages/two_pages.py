@@ -35,7 +35,7 @@ MOST_SESSIONS, MOST_INSTRUMENTS, MOST_LIMITS, MOST_WARNINGS = 2, 3, 3, 2
 
 UNCERTAINTY = (
     "± U of a value to enter, and the bound of the tool error, are for 95 % of everything that may "
-    "be true of the machine with these readings. They are no sum of sources. The budget in the "
+    "be true of the machine with these readings, not added up from sources. The budget in the "
     "annex is of other values, the parameters as the papers identify them."
 )
 

@@ -168,7 +168,8 @@ async def test_a_machine_of_thirty_is_chosen(size: tuple[int, int]) -> None:
         assert words.count("sessions. Last calibrated") == 1
         assert words.count("Drift of joint y: +0.5 ± 0.") == 1
         assert "Drift of joint z" not in words, "nothing moves there"
-        assert "joint y: rule 4, eight in a row on one side" in words
+        assert "Rule 4, eight in a row on one side, joint y: first in session" in words
+        assert words.count("eight in a row") == 1, "one sentence, whatever the number of sessions"
         await pilot.press("minus")
         await pilot.pause()
         title = str(screen.query(ChartPlot).first().render()).splitlines()[0]

@@ -11,6 +11,7 @@ from app.evaluating.posture_history import PostureHistory
 from app.report.text.tables import PAGE_HELP, hanging, new_table, paragraphs, signed, wrapped
 from calib.arrays import LEG_NAMES
 from calib.control_chart import FEWEST, RULES
+from calib.printable import counted
 
 DAYS_A_MONTH = 30.44  # 365.25 / 12
 
@@ -222,7 +223,25 @@ def sessions_table(machine: MachineHistory) -> tuple[Table, list[str]]:
         if any(changed):
             joints = ", ".join(name for name, new in zip(LEG_NAMES, changed, strict=True) if new)
             remarks.append(f"joint {joints} changed beyond uncertainty")
-        for name, joint_signals in zip(LEG_NAMES, rules, strict=True):
-            remarks += [f"joint {name}: rule {n}, {RULES[n - 1][3]}" for n in joint_signals]
         notes.append(hanging(f"{number}  {'; '.join(filter(None, remarks))}", "   "))
-    return table, notes
+    return table, [*rule_sentences(machine), *notes]
+
+
+def rule_sentences(machine: MachineHistory) -> list[str]:
+    """For each Western Electric rule the joints, the first session that completes it, how many."""
+    sentences = []
+    for rule, (*_, words) in enumerate(RULES, start=1):
+        completed = {
+            name: [number for number, rules in enumerate(joint.chart.signals, 1) if rule in rules]
+            for name, joint in zip(LEG_NAMES, machine.joints, strict=True)
+        }
+        if sessions := sorted({number for numbers in completed.values() for number in numbers}):
+            joints = ", ".join(name for name, numbers in completed.items() if numbers)
+            sentences.append(
+                hanging(
+                    f"{RULE_MARKS[rule]}  Rule {rule}, {words}, joint {joints}: first in session "
+                    f"{sessions[0]}, in {counted(len(sessions), 'session')}.",
+                    "   ",
+                )
+            )
+    return sentences

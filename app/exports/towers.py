@@ -27,7 +27,7 @@ from app.report.offsets import (
     one_line,
     with_bound,
 )
-from app.report.text.correction import doubt_lines, left_out_lines
+from app.report.text.correction import FRAME_WORDS, doubt_lines, left_out_lines
 from app.report.text.printer import NOT_WORTH_IT
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import UsageError
@@ -148,8 +148,8 @@ def comments(offsets: Offsets, values: Entered, put: str, controller_words: str)
         f"made for a controller with {radius}, lengths of the bars "
         f"{_three(now.length_mm)} mm, towers at {_three(now.angle_deg)}°{controller_words}; if it "
         "has others, these values are wrong",
-        f"tool error over the workspace, if the model is right: {values.before_mm:.4f} mm r.m.s. "
-        f"now, {values.after_mm:.4f} mm with these values",
+        f"tool error over the workspace, {FRAME_WORDS['machine']}, if the model is right: "
+        f"{values.before_mm:.4f} mm r.m.s. now, {values.after_mm:.4f} mm with these values",
     ]
     if max(abs(x), abs(y), abs(z)) >= LEAST_MM:
         lines.append(
@@ -163,7 +163,8 @@ def comments(offsets: Offsets, values: Entered, put: str, controller_words: str)
         shortfalls = ", ".join(f"{name} leaves {mm:.4f} mm" for name, mm in short.items())
         lines.append(
             f"not wholly: the firmware has no value for all of {', '.join(short)}. Alone "
-            f"{shortfalls}, together {values.after_mm:.4f} mm r.m.s. at the tool"
+            f"{shortfalls}, together {values.after_mm:.4f} mm r.m.s. at the tool, "
+            f"{FRAME_WORDS['machine']}"
         )
     for name, offset in offsets.parameters.items():
         lines += known_lines(name, offset, lacks_fit=offsets.lacks_fit)

@@ -15,6 +15,7 @@ from app.report.schema.solution import Offset
 from app.report.text.caveats import caveats, caveats_of_view
 from app.report.text.correction import (
     BOUND,
+    FRAME_WORDS,
     bound_line,
     correction_lines,
     off_line,
@@ -157,7 +158,10 @@ def for_controller(
     if solved is None:
         bound = ""
         left_mm = _leave_mm(offsets.model, numbers)
-        leaves = f"that leaves {left_mm:.4f} mm r.m.s. at the tool, if the model is right"
+        leaves = (
+            f"that leaves {left_mm:.4f} mm r.m.s. at the tool, {FRAME_WORDS['machine']}, if the "
+            "model is right"
+        )
     else:
         effects_kept = [
             acting for n, acting in enumerate(offsets.model.effects) if n not in numbers

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from app.evaluating.solution import NoisyChannel, SessionSolution
-from app.report.text.correction import SUBSET_WORDS
+from app.report.text.correction import FRAME_WORDS, SUBSET_WORDS
 from app.report.text.tables import free_words, signed, uncertain
 from calib.arrays import LEG_NAMES
 from calib.noise.reading import LEAST_NOISE_MM, Repeated
@@ -129,11 +129,10 @@ def _of_weak_directions(solved: SessionSolution) -> Iterator[str]:
         if direction.against:
             name, uncertainty = direction.against
             against = f" ({name} to ±{uncertain(uncertainty * factor)})"
+        half_mm, tool_mm = direction.standard_uncertainty_mm * factor, direction.tool_mm * factor
         yield (
-            f"WEAK: {direction.combination} known only to "
-            f"±{uncertain(direction.standard_uncertainty_mm * factor, 2)} mm{against}; at the "
-            "tool that "
-            f"is {uncertain(direction.tool_mm * factor, 2)} mm."
+            f"WEAK: {direction.combination} known only to ±{uncertain(half_mm, 2)} mm{against}; at "
+            f"the tool, {FRAME_WORDS['machine']}, that is {uncertain(tool_mm, 2)} mm."
         )
     if solution.weak_directions and not solved.reads_tool:
         yield "What to measure to improve this: glidecal plan."

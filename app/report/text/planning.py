@@ -68,8 +68,9 @@ def expected_text(expected: ExpectedResult) -> str:
     because = f", most of it because of {' ('.join(expected.worst)})" if expected.worst else ""
     return paragraphs(
         table,
-        f"Tool over the workspace with joint offsets entered, touched off, if the readings show "
-        f"nothing else: at most {uncertain(expected.bound_mm)} mm r.m.s. (95 %){because}.",
+        "Tool over the workspace with joint offsets entered, if the readings show nothing else: at "
+        f"most {uncertain(expected.bound_mm)} mm r.m.s. (95 %), {FRAME_WORDS['touched-off']}"
+        f"{because}.",
     )
 
 
@@ -120,7 +121,7 @@ def _combinations(seen_by: SeenBy) -> str:
             half, tool = COVERAGE * u, COVERAGE * tool_mm
             sentence = (
                 f"WEAK: {direction.name} known only to ±{half:.3f} mm (95 %), "
-                f"±{tool:.3f} mm at the tool."
+                f"{FRAME_WORDS['machine']} ±{tool:.3f} mm at the tool."
             )
         lines.append(sentence)
         if direction.cure is not None:

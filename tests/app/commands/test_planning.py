@@ -105,6 +105,8 @@ def test_the_text_tells_combination_cost_cure_and_the_classical_view(six: Path) 
     assert "NOT IDENTIFIABLE: d_rho_x + d_L_x." in lost
     weak = glidecal("identifiability", "orthoglide", "--procedure", "zero-max-min").out
     assert "WEAK: d_rho_x + d_L_x known only to ±" in weak
+    of_tool = r"\(95 %\), in the machine's own frame ±[\d.]+ mm at the tool\."
+    assert re.search(of_tool, " ".join(weak.split()))
     assert "Best single addition: leg" in weak
     assert "WARNING: that test" in weak
     assert max(map(len, (lost + weak).splitlines())) <= 80

@@ -300,6 +300,7 @@ def test_bars_towers_and_switches_go_into_the_firmware_of_printers(
     assert np.abs(after).max() < 1e-5, "rounding of the numbers in the file"
     remarks = comments(text)
     assert f"{before:.4f} mm r.m.s. now, 0.0000 mm with these values" in remarks
+    assert "tool error over the workspace, in the machine's own frame, if the model" in remarks
     assert "wholly in these values: d_rho, d_L, axis_offset" in remarks
     assert "not wholly" not in remarks
     zero = np.zeros(3)

@@ -292,7 +292,9 @@ def calibrated(
         started = glidecal(*words)
         assert started.status == 0, started.err
     text = out.read_text(encoding="utf-8")
-    (stated_mm,) = re.findall(r"at most ([\d.]+) mm with these values, touched off", comments(text))
+    (stated_mm,) = re.findall(
+        r"at most ([\d.]+) mm with these values, for a touched-off", comments(text)
+    )
     ours = klipper(text)
     zero = parts.tool(ours(np.zeros(3)))[2] - parts.tool(BELIEVED(np.zeros(3)))[2]
     errors_mm = [errors(parts, run) for run in (BELIEVED, fitted(met, 6), fitted(met, 9), ours)]

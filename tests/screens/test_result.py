@@ -264,7 +264,9 @@ def test_pages_work_nothing_out(
         raise AssertionError(f"a bound is worked out for a page: {values}")
 
     monkeypatch.setattr(ToolErrors, "bound_mm", asked_late)
-    assert "touched off" in glance_text(solved, None, (), 76, exports=True, measures=True)
+    assert "for a touched-off workpiece" in glance_text(
+        solved, None, (), 76, exports=True, measures=True
+    )
     assert "the machine's own frame" in solution_text(solved)
 
 

@@ -65,7 +65,7 @@ def leg_figures(solved: SessionSolution) -> tuple[LegFigure, ...]:
     for curve, above, below in zip(curves, readings, figures_left, strict=True):
         title = leg_words(curve, several=several)
         enlarged = UM_PER_MM * _height(above) / _height(below)
-        words = f"{left_by(solved)}, {enlarged:.3g} times enlarged"
+        words = f"{left_by(solved)}, {scale_words(enlarged)}"
         figures.append(
             LegFigure(
                 title,
@@ -76,6 +76,13 @@ def leg_figures(solved: SessionSolution) -> tuple[LegFigure, ...]:
             )
         )
     return tuple(figures)
+
+
+def scale_words(enlarged: float) -> str:
+    """The scale of what is left beside that of the readings above it."""
+    if enlarged < 1.0:
+        return f"at {enlarged:.2g} of the scale above"
+    return f"{enlarged:.3g} times enlarged"
 
 
 def left_by(solved: SessionSolution) -> str:
@@ -93,7 +100,7 @@ def leg_words(curve: LegCurve, *, several: bool) -> str:
     if curve.over_plane:
         return f"{leg} over the plane, along {axis}"
     station = f", at {curve.station:g} of the bar" if several else ""
-    return f"{leg}, across along {axis}{station}"
+    return f"{leg}, measured along {axis}{station}"
 
 
 def short_words(curve: LegCurve, *, several: bool) -> str:

@@ -32,7 +32,7 @@ class IdentifiabilityReport(SeenReport):
     )
     expected_tool_bound_mm: float | None = of(
         lambda r: r.expected.bound_mm,
-        "joint offsets entered, touched off, if readings show nothing else",
+        "joint offsets entered, workpiece touched off, if readings show nothing else",
         asked=True,
     )
 

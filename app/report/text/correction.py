@@ -26,8 +26,8 @@ SUBSET_WORDS: dict[Subset, str] = {
 }
 
 FRAME_WORDS: dict[Frame, str] = {
-    "touched-off": "touched off",
-    "aligned": "aligned",
+    "touched-off": "for a touched-off workpiece",
+    "aligned": "for an aligned workpiece",
     "machine": "in the machine's own frame",
 }
 

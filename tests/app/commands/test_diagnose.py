@@ -101,8 +101,8 @@ def test_adopting_says_what_the_name_changes_at_the_tool(samples: Path, tmp_path
     assert run.status == 0, run.err
     assert (
         f"Given {likely['id']} ({likely['where']}): tool over the workspace, r.m.s. (95 %), "
-        f"touched off, at most {uncertain(adopted_mm)} mm with joint offsets entered (over all "
-        f"models {uncertain(all_mm)} mm)"
+        f"for a touched-off workpiece, at most {uncertain(adopted_mm)} mm with joint offsets "
+        f"entered (over all models {uncertain(all_mm)} mm)"
     ) in " ".join(run.out.split())
 
 
@@ -154,8 +154,8 @@ def test_the_bound_at_the_tool_and_what_lowers_it(tmp_path: Path, samples: Path)
     assert "further" not in diagnosed(session)
     text = " ".join(glidecal("diagnose", session).out.split())
     assert re.search(
-        r"Tool over the workspace, r\.m\.s\. \(95 %\), touched off: at most [\d.]+ mm now\."
-        r" With joint offsets entered: [\d.]+ mm\.",
+        r"Tool over the workspace, r\.m\.s\. \(95 %\), for a touched-off workpiece: at most "
+        r"[\d.]+ mm now\. With joint offsets entered: [\d.]+ mm\.",
         text,
     )
 

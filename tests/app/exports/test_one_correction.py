@@ -201,7 +201,7 @@ def test_the_frame_changes_the_values_and_stands_beside_them(tilt: Path, tmp_pat
     options = ("--format", "json", "--frame", "aligned")
     written = json.loads(exported(tilt, tmp_path / "o", *options).read_text())
     assert written["parameters"]["d_rho_x"]["value"] == entered[1]
-    assert "with these values, aligned;" in written["cautions"][0]
+    assert "with these values, for an aligned workpiece;" in written["cautions"][0]
 
 
 def test_the_frame_of_the_machine_file_is_taken(tilt: Path, tmp_path: Path) -> None:

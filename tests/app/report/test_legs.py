@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import glidecal
-from app.report.charts.legs import LegFigure
+from app.report.charts.legs import LegFigure, scale_words
 from app.report.pages.notebook import SessionFigures
 from tests.app.cli import glidecal as command
 from tests.conftest import SAMPLES
@@ -27,7 +27,7 @@ def figures() -> SessionFigures:
 def test_every_reading_is_a_point_of_both_parts(figures: SessionFigures) -> None:
     session = glidecal.load(SWEEP)
     assert [leg.title for leg in figures.legs] == [
-        f"Leg {leg}, across along {axis}" for leg in "XYZ" for axis in "XYZ" if axis != leg
+        f"Leg {leg}, measured along {axis}" for leg in "XYZ" for axis in "XYZ" if axis != leg
     ]
     for leg in figures.legs:
         for chart in leg.charts:
@@ -59,6 +59,13 @@ def test_the_factor_is_that_of_the_scales_which_all_share(figures: SessionFigure
         assert leg.enlarged == pytest.approx(1000.0 * (above[1] - above[0]) / (below[1] - below[0]))
         assert f"{leg.enlarged:.3g} times enlarged" in leg.left.heading
         assert leg.left.y_words == "µm"
+
+
+def test_what_is_drawn_smaller_is_not_called_enlarged() -> None:
+    assert [scale_words(factor) for factor in (29.31, 0.5)] == [
+        "29.3 times enlarged",
+        "at 0.5 of the scale above",
+    ]
 
 
 def test_characters_are_those_of_the_command(figures: SessionFigures) -> None:
@@ -100,7 +107,9 @@ def test_an_adopted_play_is_a_line_for_each_direction(tmp_path: Path) -> None:
         (without, 1, "left by offsets and lengths"),
         (adopted, 2, "left by the model with its effects"),
     ):
-        leg = next(picture for picture in figures.legs if picture.title == "Leg Y, across along X")
+        leg = next(
+            picture for picture in figures.legs if picture.title == "Leg Y, measured along X"
+        )
         assert len(leg.readings.strokes) == count
         assert leg.left.title.startswith(f"{words}, ")
         heights.append(max(abs(y) for series in leg.left.series for y in series.y))

@@ -157,10 +157,14 @@ def partner_of(path: Path, verifies: str | None) -> Path | None:
 def reported_pair(path: Path) -> tuple[Path, Path | None]:
     """What the report of a session is about: of one that verifies another beside it, both.
 
-    Raises RecordError for a file that cannot be used.
+    It is of one alone where the machine was mechanically changed between them. Raises RecordError
+    for a file that cannot be used.
     """
-    before = partner_of(path, read_record(path).opened.verifies)
-    return (path, None) if before is None else (before, path)
+    session = read_record(path).session
+    before = partner_of(path, session.opened.verifies)
+    if before is None or read_record(before).session.adjusted != session.adjusted:
+        return path, None
+    return before, path
 
 
 Entered = Literal["as expected", "not entered", "wrong sign", "something else"]

@@ -20,6 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.table import Table
 
+from app.evaluating.comparison import reported_pair
 from app.evaluating.diagnosis import diagnose_files
 from app.evaluating.solution import judge, solve_files
 from app.report.certificate import CertificateHead
@@ -181,6 +182,11 @@ def test_a_session_that_verifies_another_is_reported_with_it(tmp_path: Path) -> 
     assert "Measured again, with the offsets entered" in pair
     assert glidecal("report", after, "-o", "-").out == pair
     assert "No session after" in glidecal("report", before, "-o", "-").out
+    assert reported_pair(after) == (before, after)
+    changed = opened.machine.model_copy(update={"adjusted": "another bar"})
+    rebuilt = opened.model_copy(update={"machine": changed})
+    write_whole(tmp_path / "rebuilt.jsonl", rebuilt, [*record.events[1:-1]])
+    assert reported_pair(tmp_path / "rebuilt.jsonl") == (tmp_path / "rebuilt.jsonl", None)
     before.unlink()
     assert "No session after" in glidecal("report", after, "-o", "-").out
 

@@ -295,7 +295,7 @@ class Posterior:
         design = np.zeros((rows.exact - rows.cells, len(model.mean)))
         design[:, :count] = rows.base[mine]
         widths = [len(self.components[k].unit) for k in model.everywhere]
-        starts = [*(np.cumsum([count, *widths[:-1]])), *self.starts(model)]
+        starts = [*np.cumsum([count, *widths])[:-1], *self.starts(model)]
         for k, at in zip((*model.everywhere, *model.members), starts, strict=True):
             unit = self.components[k].unit
             columns = self.linear.columns[mine][:, self.linear.index[k]]

@@ -128,6 +128,16 @@ def test_displacements_in_metres_get_an_answer_with_a_warning(tmp_path: Path) ->
     )
 
 
+def test_a_reading_of_a_metre_gets_no_advice_that_fails_too(tmp_path: Path) -> None:
+    table = rows(cycles=1)
+    table[2]["value_mm"] = "900"
+    run = solved(tmp_path, table)
+    assert run.status == 5
+    assert run.err.strip().endswith("Look for a wrong reading or unit.")
+    for options in (("--subset", "joint-offsets"), ("--method", "linear")):
+        assert solved(tmp_path, table, *options).status == 5
+
+
 def test_one_repeat_only(tmp_path: Path) -> None:
     table = rows(cycles=1)
     bare = document(tmp_path, table)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -11,10 +11,9 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from calib.arrays import TOOL, conditions
+from calib.arrays import TOOL, FloatArray, conditions
 from calib.errors import RecordError
 from calib.identify.fit import Size
-from calib.identify.solution import Solution
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
 from calib.tripod.effects.drives import AxisLean, StraightnessOfFourthOrder, cyclic_of, effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance
@@ -299,24 +298,32 @@ def free_effects(
     return frozenset(places[False] - places[True])
 
 
-def with_solution(model: ModelFile, solution: Solution) -> ModelFile:
-    """The model with parameters and sizes as they were fitted together, and how well each is known.
+def with_expected(
+    model: ModelFile,
+    size_of: Callable[[Sequence[tuple[Effect, str]]], tuple[FloatArray, FloatArray]],
+    effects: Sequence[Effect] = CATALOGUE,
+) -> ModelFile:
+    """The model with sizes as sessions let expect them, and how well each is known.
 
-    ``solution`` was fitted with `sizes_of` this model.
+    ``size_of`` is that of their posterior with this model. An effect of which a person holds any
+    size stays as it is. Raises RecordError as `to_model` does.
     """
-    sizes = (
-        {"value": size.value, "standard_uncertainty": size.standard_uncertainty}
-        for size in solution.sizes
-    )
-    effects = []
+    geometry, entries = model.machine.geometry(), []
     for entry in model.effects:
-        parameters = {
-            name: parameter if parameter.held else parameter.model_copy(update=next(sizes))
-            for name, parameter in entry.parameters.items()
-        }
-        effects.append(entry.model_copy(update={"parameters": parameters}))
-    values = dict(zip(PARAMETER_NAMES, solution.model.parameters_mm, strict=True))
-    return model.model_copy(update={"parameters_mm": values, "effects": tuple(effects)})
+        parameters = dict(entry.parameters)
+        if not any(parameter.held for parameter in parameters.values()):
+            placed = placed_effects(entry, effects, geometry, "model")
+            kind = placed[0].effect
+            bases = [parameter.name for parameter in kind.parameters]
+            for name, parameter in parameters.items():
+                base = bases.index(parameter.of or name)
+                places = _places(entry, parameter, kind, geometry, "model")
+                off, deviation = size_of([(kind, place) for place in places])
+                value = parameter.value + float(off[base])
+                update = {"value": value, "standard_uncertainty": float(deviation[base])}
+                parameters[name] = parameter.model_copy(update=update)
+        entries.append(entry.model_copy(update={"parameters": parameters}))
+    return model.model_copy(update={"effects": tuple(entries)})
 
 
 def held_sizes(model: ModelFile) -> tuple[str, ...]:

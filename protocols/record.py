@@ -53,8 +53,8 @@ COUNTED = re.compile(rb'"indicators":[12],')
 """A key of the first hours of schema 1: how many there are, which ``instruments`` tells."""
 
 OF_ANOTHER_KIND = (
-    "It is a session of another kind of machine: validate, replay, solve, diagnose, compare, "
-    "report, history, serve, export and verify take it."
+    "It is a session of another kind of machine: validate, replay, solve, diagnose, report, "
+    "history, serve and export in a terminal take it, compare and verify two of one kind."
 )
 
 SCHEMA_NAME_NUMBER = re.compile(r"(.+)/([1-9][0-9]{0,8})")

@@ -131,6 +131,10 @@ def test_the_printer_is_a_better_one(walked: tuple[Path, str]) -> None:
     (uneven_mm,) = re.findall(r"heights of the plate differ by (\S+) mm", after)
     assert float(uneven_mm) < 0.008
     assert "the probe limits what can be seen, not the geometry. Change nothing in the" in after
+    assert "tower endstop now, mm fit or the switch by, mm" in after
+    assert "mm endstop enter arm enter angle, ° enter" in words(
+        glidecal("solve", folder / "printer.jsonl").out
+    )
 
 
 def test_values_that_help_are_the_next_step_on_the_screen(walked: tuple[Path, str]) -> None:

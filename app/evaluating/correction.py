@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Self
 
 from calib.arrays import LEG_NAMES, FloatArray, Observations
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.noise.reading import IndicatorFigures, Noise
-from calib.posterior.cells import Cells, SessionCase
+from calib.posterior.cells import HOMING_MM, Cells, SessionCase
 from calib.posterior.correction import (
     HOLDS,
     Correction,
@@ -29,7 +30,7 @@ from calib.posterior.entered import (
 from calib.posterior.models import LikelyMistake, Posterior
 from calib.posterior.posterior import posterior
 from calib.quantity import INTERNAL
-from calib.tripod.controller import table_of
+from calib.tripod.controller import left_by_tables_mm, table_of
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES
@@ -152,6 +153,19 @@ class TowerCorrection:
     off: ToolOff
 
 
+@dataclass(frozen=True)
+class OffsetChange:
+    """A joint offset that is another in a session, counted from 0, than in the one before, mm."""
+
+    session: int
+    joint: str
+    change_mm: float
+
+
+UNEXPECTED = 4.0
+"""Standard deviations, and times what homing changes: of so much a person must know."""
+
+
 @dataclass(frozen=True, eq=False)
 class ControllerCorrections:
     """Sessions of one machine as they are corrected in a frame; each answer is worked out once.
@@ -218,6 +232,25 @@ class ControllerCorrections:
         )
 
     @cached_property
+    def offset_changes(self) -> tuple[OffsetChange, ...]:
+        """Joint offsets that changed between sessions of one state of the machine by more than
+        homing does and what was entered tells.
+        """
+        changes = []
+        for number, (before, after) in enumerate(pairwise(self.cases), start=1):
+            if after.state is None or after.state != before.state:
+                continue
+            means, deviations = (part.tolist() for part in self.posterior.offset_change(number))
+            entered = zip(after.entered_mm, before.entered_mm, strict=True)
+            for joint, mean, deviation, (now, then) in zip(
+                LEG_NAMES, means, deviations, entered, strict=True
+            ):
+                change_mm = mean + now - then
+                if abs(change_mm) > UNEXPECTED * max(deviation, HOMING_MM):
+                    changes.append(OffsetChange(number, joint, change_mm))
+        return tuple(changes)
+
+    @cached_property
     def off_now(self) -> ToolOff:
         """The tool with the present values of the controller."""
         return ToolOff(self.posterior, nothing_entered(self.posterior))
@@ -273,13 +306,15 @@ class ControllerCorrections:
 
     def _made_for(self, holds: Holds, absent: dict[str, str]) -> SessionCorrection:
         projected = self._projected(holds, absent, tabled=True)
-        alone = holds == "offsets"
+        alone, off = holds == "offsets", projected.off
+        if holds in ("tables", "kinematics"):
+            off = ToolOff(off.posterior, off.values, left_by_tables_mm(projected.model))
         return SessionCorrection(
             frame=self.frame,
             holds=holds,
             model=projected.model,
             off_now=self.off_now,
-            off=projected.off,
+            off=off,
             left_out=projected.left_out,
             uncertainties_mm=self.uncertainties_mm() if alone else None,
         )

@@ -15,14 +15,12 @@ from app.evaluating.printer import printer_change
 from app.evaluating.solution import (
     load_sessions,
     refuse_leaning_planes,
-    solve_sessions,
 )
 from calib.arrays import LEG_NAMES
 from calib.diagnosis.claims import conditional
 from calib.diagnosis.diagnose import diagnosis_of
 from calib.diagnosis.results import Contender, Diagnosis, Finding, Named
 from calib.errors import NotIdentifiable, RecordError, UsageError
-from calib.identify.solution import Subset
 from calib.noise.reading import Noise
 from calib.posterior.cells import Cells
 from calib.posterior.correction import HOLDS, Holds, ToolOff, correction
@@ -33,6 +31,7 @@ from calib.quantity import Quantity
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import Effect, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
+from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from protocols.data_table import DataTable, Tabled
 from protocols.effect_entries import (
@@ -54,7 +53,7 @@ from protocols.model_file import (
     model_file,
     read_model_file,
     to_model,
-    with_solution,
+    with_expected,
 )
 from protocols.motion import seconds_per_step
 from protocols.observations import (
@@ -310,7 +309,6 @@ def _check(sessions: Sequence[Session], held_out: Sequence[Session]) -> None:
 
 
 MOST_OFFERED = 8
-SETS: tuple[Subset, ...] = ("joint-offsets", "with-tolerances")
 
 
 def left_behind(diagnosed: SessionDiagnosis, candidate: str | None) -> bool:
@@ -361,7 +359,7 @@ def adopt(
             entry = entry.model_copy(update={"parameters": held.parameters})
             why = f"{why} {HELD}"
         model = with_effect(model, entry, why)
-    model = _fitted(model, diagnosed.sessions)
+    model = _expected(model, diagnosed.sessions)
     write_files(target, {"": model.text()}, replace=replace or target == known)
     return model
 
@@ -376,26 +374,31 @@ def resize(sessions: Sequence[Session], target: Path, entry: EffectEntry) -> Mod
     """
     is_held = any(parameter.held for parameter in entry.parameters.values())
     model = with_sizes(read_model_file(target), entry, HELD if is_held else FREED)
-    model = _fitted(model, sessions)
+    model = _expected(model, sessions)
     write_files(target, {"": model.text()}, replace=True)
     return model
 
 
-def _fitted(model: ModelFile, sessions: Sequence[Session]) -> ModelFile:
-    """The model with joint offsets and sizes fitted together to the sessions.
+def _expected(model: ModelFile, sessions: Sequence[Session]) -> ModelFile:
+    """The model with parameters and sizes as the posterior of the sessions expects them given it.
 
-    With all parameters held by tolerances where the offsets alone are not determined. Where
-    sessions had different offsets entered there are none to state: what nobody fitted is not 0.
+    Where sessions had different offsets entered there are none to state: what nobody fitted is not
+    0.
     """
-    if len({session.opened.machine.entered_offsets_mm for session in sessions}) == 1:
-        for subset in SETS:
-            try:
-                solved = solve_sessions(sessions, subset=subset, model=model)
-            except NotIdentifiable:
-                continue
-            return with_solution(model, solved.solution)
-    stated = {name: mm for name, mm in model.parameters_mm.items() if mm}
-    return model.model_copy(update={"parameters_mm": stated})
+    effects = known_effects()
+    corrections = ControllerCorrections.of_sessions(
+        sessions,
+        to_model(model, "model", effects),
+        sessions[0].opened.machine.frame,
+        free=free_effects(model, effects),
+    )
+    posterior = corrections.posterior
+    model = with_expected(model, posterior.size_of, effects)
+    if len({session.opened.machine.entered_offsets_mm for session in sessions}) > 1:
+        stated = {name: mm for name, mm in model.parameters_mm.items() if mm}
+        return model.model_copy(update={"parameters_mm": stated})
+    values = zip(PARAMETER_NAMES, posterior.mean.tolist(), strict=False)  # the first of the field
+    return model.model_copy(update={"parameters_mm": dict(values)})
 
 
 def mistakes_of(diagnosed: SessionDiagnosis) -> list[Finding]:

@@ -524,7 +524,7 @@ def solve_sessions(
     )
     chosen = subset or choice.usual
     corrections = ControllerCorrections.of_sessions(
-        sessions, choice.fitted.model, frame or machine.frame, free=free
+        sessions, start, frame or machine.frame, free=free
     )
     solved = SessionSolution(tuple(sessions), observed, choice, chosen, corrections, holds)
     if model is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Container, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -24,10 +24,10 @@ from app.report.text.correction import (
 from app.version import program
 from calib.errors import RecordError
 from calib.identify.solution import Method, Subset
-from calib.posterior.correction import Holds, ToolOff
+from calib.posterior.correction import Holds, ToolOff, offsets_beside
 from calib.printable import printable
 from calib.quantity import rows
-from calib.tripod.controller import ControllerJoints, tool_error_mm
+from calib.tripod.controller import ControllerJoints
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model, StageEffect
 from protocols.files import Written
@@ -153,25 +153,43 @@ def for_controller(
         for number, effect in enumerate(offsets.model.effects)
         if any(effect is absent for absent in left_out)
     )
+    names = list(dict.fromkeys(offsets.model.effects[number].id for number in sorted(numbers)))
+    kept = [acting for n, acting in enumerate(offsets.model.effects) if n not in numbers]
+    if solved is None:
+        return _offsets_of_model(offsets, offsets.model.with_effects(tuple(kept)), holds, names)
     if not numbers:
         return offsets
-    if solved is None:
-        bound = ""
-        left_mm = _leave_mm(offsets.model, numbers)
-        leaves = (
-            f"that leaves {left_mm:.4f} mm r.m.s. at the tool, {FRAME_WORDS['machine']}, if the "
-            "model is right"
-        )
-    else:
-        effects_kept = [
-            acting for n, acting in enumerate(offsets.model.effects) if n not in numbers
-        ]
-        off = solved.corrections.off(offsets.model.with_effects(tuple(effects_kept)))
-        bound = bound_of_files(solved, off)
-        leaves = "the bound of the tool includes what that leaves"
-    names = ", ".join(dict.fromkeys(offsets.model.effects[number].id for number in sorted(numbers)))
-    missing = f"not in these files: {names}; {leaves}"
-    return with_bound(offsets, bound, missing)
+    off = solved.corrections.off(offsets.model.with_effects(tuple(kept)))
+    leaves = "the bound of the tool includes what that leaves"
+    missing = f"not in these files: {', '.join(names)}; {leaves}"
+    return with_bound(offsets, bound_of_files(solved, off), missing)
+
+
+def _offsets_of_model(offsets: Offsets, kept: Model, holds: Holds, names: list[str]) -> Offsets:
+    """A model file for a controller: joint offsets take over what they can of all else.
+
+    ``kept`` is without the effects of these ``names``, which the controller does not hold.
+    """
+    lengths_mm = kept.parameters_mm[3:] if holds == "kinematics" else (0.0, 0.0, 0.0)
+    if lengths_mm != kept.parameters_mm[3:]:
+        names.append("leg lengths")
+    if not names:
+        return offsets
+    frame = offsets.machine.frame
+    beside = replace(kept, parameters_mm=(0.0, 0.0, 0.0, *lengths_mm))
+    offsets_mm, left_mm = offsets_beside(beside, offsets.model, frame)
+    values = (*offsets_mm.tolist(), *lengths_mm)
+    stated = [name for name in PARAMETER_NAMES if name in JOINT_OFFSETS or holds == "kinematics"]
+    missing = (
+        f"not in these files: {', '.join(names)}; joint offsets take over a part, the rest leaves "
+        f"{left_mm:.4f} mm r.m.s. at the tool, {FRAME_WORDS[frame]}, if the model is right"
+    )
+    changed = replace(
+        offsets,
+        parameters=dict(zip(stated, map(Offset, values), strict=False)),
+        model=replace(kept, parameters_mm=values),
+    )
+    return with_bound(changed, "", missing)
 
 
 def with_bound(offsets: Offsets, bound: str, *more: str) -> Offsets:
@@ -197,14 +215,6 @@ def entered_parameters(correction: SessionCorrection) -> dict[str, Offset]:
         name: Offset(values[name], u, wide, wide / u)
         for name, u, wide in zip(names, standard_mm, expanded_mm, strict=True)
     }
-
-
-def _leave_mm(model: Model, numbers: Collection[int]) -> float:
-    """What these effects of a model do at the tool, r.m.s. over the workspace."""
-    if not numbers:
-        return 0.0
-    acting = tuple(model.effects[number] for number in sorted(numbers))
-    return tool_error_mm(Model(model.geometry).with_effects(acting))
 
 
 def offsets_from_solved(solved: SessionSolution, *, view: bool = False) -> Offsets:

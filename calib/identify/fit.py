@@ -295,8 +295,7 @@ def _no_optimum(reason: str) -> NotIdentifiable:
         "exact identification",
         reason,
         "readings that some machine near the nominal one could give",
-        "Look for a wrong reading or unit; `glidecal solve` with --subset joint-offsets or"
-        " --method linear may still answer.",
+        "Look for a wrong reading or unit.",
     )
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from calib.arrays import FloatArray
 from calib.posterior.cells import BASE
 from calib.posterior.library import POWERS
-from calib.posterior.models import Posterior
-from calib.posterior.tool import FRAMES, Frame, mean_square
+from calib.posterior.models import Posterior, effects_of_tool
+from calib.posterior.tool import FRAMES, Frame, ToolField, mean_square, tool_field
 from calib.posterior.tool_errors import ToolErrors
 from calib.tripod.effects.bars import GravitySag
 from calib.tripod.effects.drives import (
@@ -69,11 +69,12 @@ class LeftOut:
 class ToolOff:
     """R.m.s. error of the tool over the workspace with values of the field ``(6 + k,)`` entered.
 
-    In each frame, mm.
+    In each frame, mm. Beside it, in every frame, ``beside_mm`` of how the controller holds them.
     """
 
     posterior: Posterior
     values: FloatArray
+    beside_mm: float = 0.0
     _bounds_mm: dict[Frame, float] = field(default_factory=dict)
     _least_mm: dict[Frame, float] = field(default_factory=dict)
 
@@ -81,7 +82,7 @@ class ToolOff:
         """95 % of the posterior keep it in this frame, mm; worked out once."""
         if frame not in self._bounds_mm:
             errors = self.posterior.tool_errors[frame]
-            self._bounds_mm[frame] = errors.bound_mm(self.values)
+            self._bounds_mm[frame] = math.hypot(errors.bound_mm(self.values), self.beside_mm)
         return self._bounds_mm[frame]
 
     @property
@@ -203,9 +204,8 @@ def correction(
     )
 
 
-def projector_of(posterior: Posterior, index: Sequence[int], frame: Frame) -> FloatArray:
+def projector_of(field: ToolField, index: Sequence[int], frame: Frame) -> FloatArray:
     """Values of these columns ``(n,)`` as a map ``(n, f)`` of what is expected in the field."""
-    field = posterior.field
     metric, machine_metric = field.metrics[frame], field.metrics["machine"]
     chosen = list(index)
     inner = metric + TIED * machine_metric
@@ -220,7 +220,7 @@ def _projected(posterior: Posterior, parts: Sequence[Part], frame: Frame) -> Flo
     """Least squares of the expected error over the workspace ``(f,)``."""
     index = [k for _, columns in parts for k in columns]
     values = np.zeros(len(posterior.mean))
-    values[index] = projector_of(posterior, index, frame) @ posterior.mean
+    values[index] = projector_of(posterior.field, index, frame) @ posterior.mean
     return values
 
 
@@ -243,6 +243,24 @@ def doubt(
     if float(weight[loss_mm2 < 0.0].sum()) > EVEN and gain < LARGE * without_mm2:
         return "it is likelier to raise the tool's error than to lower it"
     return ""
+
+
+def offsets_beside(kept: Model, machine: Model, frame: Frame) -> tuple[FloatArray, float]:
+    """Joint offsets ``(3,)`` that leave a machine least where the controller holds ``kept``, too.
+
+    With what they leave at the tool, r.m.s. over the workspace in the frame, mm. What is kept is a
+    part of the machine.
+    """
+    laws = dict.fromkeys((each.effect, each.place) for each in effects_of_tool(machine))
+    field = tool_field(machine.geometry, tuple(laws))
+    off, entered = np.zeros((2, field.rows.shape[1]))
+    for model, sign in ((machine, 1.0), (kept, -1.0)):
+        off[:BASE] += sign * np.array(model.parameters_mm)
+        for each in effects_of_tool(model):
+            columns = list(field.columns_of((each.effect, each.place)))
+            off[columns] += sign * np.real(each.values)
+    entered[:3] = projector_of(field, range(3), frame) @ off
+    return entered[:3], math.sqrt(mean_square(field.metrics[frame], off - entered))
 
 
 def model_of(posterior: Posterior, values: FloatArray) -> Model:

@@ -76,7 +76,7 @@ def offset_uncertainties_mm(
     Over all models, about the values that are entered; with ``less_common`` less what all three
     share.
     """
-    into = projector_of(posterior, OFFSETS, frame)
+    into = projector_of(posterior.field, OFFSETS, frame)
     if less_common:
         into = into - into.mean(axis=0)
     middle = into @ posterior.likeliest_labels.mean

@@ -88,7 +88,7 @@ class Forecast:
         square, axes = np.linalg.eigh(posterior.field.metrics[frame])
         visible = square > SHOWN**2 * square[-1]
         root = np.sqrt(square[visible])[:, None] * axes[:, visible].T
-        entered = root[:, list(index)] @ projector_of(posterior, index, frame)
+        entered = root[:, list(index)] @ projector_of(posterior.field, index, frame)
         share = np.array(weights) / sum(weights)
         return cls(posterior, np.array(numbers), share, root, entered, stated_mm)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -134,10 +135,11 @@ class Posterior:
                 block = slice(at, at + len(self.components[k].unit))
                 mean = mean + self.into_field[k] @ model.mean[block]
                 root = root + self.into_field[k] @ model.sizes[block]
-            unseen = np.diag(self._unseen(model))
-            roots = [model.inflated * root, unseen[:, unseen.any(axis=0)]]
-            in_field = InField(model.weight, mean, *shared[key], model.inflated, np.hstack(roots))
-            models.append(replace(in_field, unplaced_mm2=self._unplaced_mm2(model)))
+            root = model.inflated * root
+            in_field = InField(model.weight, mean, *shared[key], model.inflated, root)
+            unseen = np.diag(self._unseen(model, in_field))
+            root = np.hstack([root, unseen[:, unseen.any(axis=0)]])
+            models.append(replace(in_field, root=root, unplaced_mm2=self._unplaced_mm2(model)))
         return models
 
     def _unplaced_mm2(self, model: Weighted) -> float:
@@ -217,6 +219,55 @@ class Posterior:
         )
         return replace(self, models=models)
 
+    def mean_of(self, selected: Callable[[Weighted], FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Combinations ``(m,)`` of the values over all models, and their standard deviations.
+
+        ``selected`` gives the combinations ``(m, b + r)`` of each model.
+        """
+        weight = np.array([model.weight for model in self.models])
+        pairs = [(model, selected(model)) for model in self.models]
+        means = np.array([row @ model.mean for model, row in pairs])
+        variances = np.array([((row @ m.covariance) * row).sum(axis=1) for m, row in pairs])
+        mean = np.asarray(weight @ means)
+        return mean, np.sqrt(weight @ (variances + (means - mean) ** 2))
+
+    def size_of(self, laws: Sequence[Placed]) -> tuple[FloatArray, FloatArray]:
+        """Sizes ``(p,)`` of one law as its places share them, by how much the model's are off.
+
+        With their standard deviations. The model is that of the sessions; laws of readings have
+        sizes, too.
+        """
+        count = len(laws[0][0].parameters)
+
+        def selected(model: Weighted) -> FloatArray:
+            row = np.zeros((count, len(model.mean)))
+            widths = [len(self.components[k].unit) for k in model.everywhere]
+            starts = np.cumsum([self.parameter_count, *widths])[:-1].tolist()
+            placed = zip(
+                (*model.everywhere, *model.members), [*starts, *self.starts(model)], strict=True
+            )
+            for k, at in placed:
+                for share in self.components[k].shares:
+                    if (share.effect, share.place) in laws:
+                        row[range(count), [at + value for value in share.values]] += 1.0
+            return row / len(laws)
+
+        return self.mean_of(selected)
+
+    def offset_change(self, number: int) -> tuple[FloatArray, FloatArray]:
+        """By how much joint offsets ``(3,)`` of a session differ from those of the one before.
+
+        With their standard deviations, mm.
+        """
+        at = LENGTHS + 3 * number
+
+        def selected(model: Weighted) -> FloatArray:
+            row = np.zeros((3, len(model.mean)))
+            row[:, at : at + 3], row[:, at - 3 : at] = np.eye(3), -np.eye(3)
+            return row
+
+        return self.mean_of(selected)
+
     def value_of(self, law: Placed) -> tuple[float, float]:
         """The first value of a law at a place over all models, and its standard deviation."""
         at = self.field.columns_of(law)[0]
@@ -226,7 +277,7 @@ class Posterior:
         mean = float(weight @ means)
         return mean, math.sqrt(float(weight @ (variance + means**2)) - mean**2)
 
-    def _unseen(self, model: Weighted) -> FloatArray:
+    def _unseen(self, model: Weighted, in_field: InField) -> FloatArray:
         """Standard deviations ``(f,)`` of what these readings do not show.
 
         Parameters of lines that change none of them have their tolerance; so have shifts and turns
@@ -246,6 +297,11 @@ class Posterior:
                 for column, unit, of_values in leans:
                     size = unit * math.sqrt(float(square[of_values].mean()))
                     deviation[column] = math.hypot(deviation[column], size)
+        for places, turns in self._stated_leans:
+            squares = [in_field.mean[at] ** 2 + in_field.variance(at) for at in places]
+            for column, unit in turns:
+                size = unit * math.sqrt(math.fsum(squares) / len(squares))
+                deviation[column] = math.hypot(deviation[column], size)
         return deviation
 
     @cached_property
@@ -265,6 +321,20 @@ class Posterior:
                     column, unit = turn
                     deviation[column] = math.hypot(deviation[column], unit * tolerance)
         return deviation
+
+    @cached_property
+    def _stated_leans(self) -> list[tuple[list[int], list[tuple[int, float]]]]:
+        """The same of effects that the model of the sessions has, by their ids.
+
+        The columns of their sizes in the field; columns and units of the turns and shifts.
+        """
+        leans: dict[str, tuple[list[int], list[tuple[int, float]]]] = {}
+        for instance in effects_of_tool(self.sessions[-1].case.model):
+            if turn := _turn_of(instance.effect, instance.place):
+                places, turns = leans.setdefault(instance.id, ([], []))
+                places.append(self.field.columns_of((instance.effect, instance.place))[0])
+                turns.append(turn)
+        return [*leans.values()]
 
     @cached_property
     def _leans(self) -> list[list[tuple[int, float, IntArray]]]:
@@ -295,7 +365,7 @@ class Posterior:
         design = np.zeros((rows.exact - rows.cells, len(model.mean)))
         design[:, :count] = rows.base[mine]
         widths = [len(self.components[k].unit) for k in model.everywhere]
-        starts = [*(np.cumsum([count, *widths[:-1]])), *self.starts(model)]
+        starts = [*np.cumsum([count, *widths])[:-1], *self.starts(model)]
         for k, at in zip((*model.everywhere, *model.members), starts, strict=True):
             unit = self.components[k].unit
             columns = self.linear.columns[mine][:, self.linear.index[k]]

@@ -180,13 +180,15 @@ def _held(paths: Sequence[Path]) -> Held:
 
 
 def _refuse_twice(texts: Texts) -> None:
-    """Raises RecordError for one text in two files: its contacts would count twice."""
-    path_by_text: dict[str, Path] = {}
-    for path, text in texts:
-        if text in path_by_text:
-            see = f"the same text as in {path_by_text[text]}"
-            raise RecordError(f"{WHAT} {path}", see, "each file once", "Name it once.")
-        path_by_text[text] = path
+    """Raises RecordError for a text that is in another file, too: its contacts would count twice.
+
+    As of a log that was saved, went on, and was saved again.
+    """
+    for k, (path, text) in reversed([*enumerate(texts)]):
+        for other, longer in [*texts[:k], *texts[k + 1 :]]:
+            if text.strip() and text.strip() in longer:
+                see = f"the same text as in {other}"
+                raise RecordError(f"{WHAT} {path}", see, "each file once", "Leave it out.")
 
 
 def _check(path: Path, contacts: Sequence[Contact], machine: Machine) -> None:

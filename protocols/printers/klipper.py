@@ -21,7 +21,7 @@ from calib.tripod import UPRIGHT_TOWERS
 from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.distance_table import Measured
 from protocols.documents import MOST_WRITTEN_BYTES
-from protocols.printers.gcode import Texts, read_printed
+from protocols.printers.gcode import WHOLE, Texts, read_printed
 from protocols.printers.tower_printer import (
     OFF_PLATE_MM,
     Contact,
@@ -45,8 +45,8 @@ PLACES = 9
 """Decimals of a place in mm, so that one that is at 0 is shown there."""
 
 NUMBER = r"([+-]?\d+(?:\.\d+)?)"
-PROBED = re.compile(rf"probe: at {NUMBER},{NUMBER} bed will contact at z={NUMBER}", re.ASCII)
-PROBED_BEFORE = re.compile(rf"probe at {NUMBER},{NUMBER} is z={NUMBER}", re.ASCII)
+PROBED = re.compile(rf"probe: at {NUMBER},{NUMBER} bed will contact at z={NUMBER}{WHOLE}", re.ASCII)
+PROBED_BEFORE = re.compile(rf"probe at {NUMBER},{NUMBER} is z={NUMBER}{WHOLE}", re.ASCII)
 """Of programs from before 2025: the place of the tool, and its height as the probe tripped."""
 
 ANSWER = re.compile(r"\bprobe:? at ")
@@ -359,9 +359,11 @@ def _place(
         x, y, z = printer.tool_mm(carriages)
     except UnreachablePosture as problem:
         raise _elsewhere(where, text, "the bars do not meet there") from problem
+    place_mm = round(x, PLACES) + 0.0, round(y, PLACES) + 0.0, round(z, PLACES) + 0.0
     if abs(z - height_mm) > OFF_PLATE_MM:
-        raise _elsewhere(where, text, f"the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
-    return round(x, PLACES) + 0.0, round(y, PLACES) + 0.0, round(z, PLACES) + 0.0
+        at = ", ".join(f"{value:z.1f}" for value in place_mm)
+        raise _elsewhere(where, text, f"the tool at ({at}) mm")
+    return place_mm
 
 
 def _elsewhere(where: str, text: str, why: str) -> RecordError:

@@ -20,11 +20,11 @@ from operator import itemgetter
 
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
-from protocols.printers.gcode import NUMBER, PREFIX, Texts, commands, lines, steps_held
+from protocols.printers.gcode import NUMBER, PREFIX, WHOLE, Texts, commands, lines, steps_held
 from protocols.printers.tower_printer import Contact, Held, Three, TowerPrinter
 
 NAME = "marlin"
-ANSWER = re.compile(rf"Bed X: ({NUMBER}) Y: ({NUMBER}) Z: ({NUMBER})")
+ANSWER = re.compile(rf"Bed X: ({NUMBER}) Y: ({NUMBER}) Z: ({NUMBER}){WHOLE}")
 TOWERS, TRIMS = "XYZ", "ABC"
 
 MINE = re.compile(

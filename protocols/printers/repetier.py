@@ -11,12 +11,12 @@ from __future__ import annotations
 import re
 
 from calib.errors import RecordError
-from protocols.printers.gcode import NUMBER, Texts, lines
+from protocols.printers.gcode import NUMBER, WHOLE, Texts, lines
 from protocols.printers.tower_printer import Contact, Held, TowerPrinter
 
 NAME = "repetier"
 STORED = re.compile(rf"EPR:\d+ (\d+) ({NUMBER}) ")
-ANSWER = re.compile(rf"Z-probe: ?({NUMBER}) X: ?({NUMBER}) Y: ?({NUMBER})")
+ANSWER = re.compile(rf"Z-probe: ?({NUMBER}) X: ?({NUMBER}) Y: ?({NUMBER}){WHOLE}")
 
 STEPS, HEIGHT, ROD, RADIUS, PRINTABLE = 11, 153, 881, 885, 925
 OFFSETS, ANGLES = (893, 895, 897), (901, 905, 909)
@@ -46,7 +46,7 @@ def held(texts: Texts) -> Held:
         elif match := ANSWER.search(text):
             down, x, y = (float(part) for part in match.groups())
             contacts.append(Contact((x, y, 0.0 - down), match[0], 0.0, 0.001))
-        elif re.search(r"Z-probe: ?\D", text):
+        elif "Z-probe:" in text:
             odd.append(f"{where}: {text!r}: no place of a probe")
     if any(stored.get(place) for place in BESIDE):
         odd.append("the probe's offset in X and Y: places are taken as the tool's")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
+from app.evaluating.correction import ControllerCorrections
 from app.evaluating.solution import NoisyChannel, SessionSolution
 from app.report.text.correction import FRAME_WORDS, SUBSET_WORDS
 from app.report.text.tables import free_words, signed, uncertain
@@ -32,9 +33,21 @@ def caveats(solved: SessionSolution) -> list[str]:
         lines.append(f"WARNING: {ambiguity(solved.ambiguous)}")
     if solved.held:
         lines.append(f"Held as a person stated it, not fitted: {'; '.join(solved.held)}.")
+    lines += changed_lines(solved.corrections, solved.names)
     for part in (_of_noise, _of_readings, _of_the_measurement):
         lines += part(solved)
     return lines
+
+
+def changed_lines(corrections: ControllerCorrections, names: Sequence[str]) -> list[str]:
+    """Joint offsets that changed between sessions for no reason that their files state."""
+    return [
+        f"WARNING: the offset of joint {change.joint} changed by {signed(change.change_mm)} mm "
+        f"from {names[change.session - 1]} to {names[change.session]}, and the files state no "
+        f"reason: a switch that was moved, values that were entered? Values are those of "
+        f"{names[-1]}."
+        for change in corrections.offset_changes
+    ]
 
 
 def caveats_of_view(solved: SessionSolution) -> list[str]:

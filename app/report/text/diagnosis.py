@@ -9,6 +9,7 @@ from rich.table import Table
 
 from app.evaluating.diagnosis import AdoptedTool, DiagnosedTool, SessionDiagnosis, mistakes_of
 from app.evaluating.printer import tower_names
+from app.report.text.caveats import changed_lines
 from app.report.text.correction import FRAME_WORDS
 from app.report.text.printer import tower_remedies
 from app.report.text.tables import (
@@ -122,6 +123,7 @@ def diagnosis_text(diagnosed: SessionDiagnosis, adopted: AdoptedTool | None = No
         f"Where readings and model disagree\n{shares_text(diagnosis.where)}",
         candidates_text(diagnosis),
         *_detectable(diagnosis),
+        *changed_lines(diagnosed.corrections, diagnosed.names),
         *(f"Remark: {remark}" for remark in diagnosis.remarks),
     )
 
@@ -134,6 +136,7 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
         adopted,
         _next(diagnosed),
         open_text(diagnosis),
+        *changed_lines(diagnosed.corrections, diagnosed.names),
         effects_text(diagnosis.effects, tower_names(diagnosed.sessions[0].opened.machine)),
         tool_text(diagnosed.tool),
         gap_text(diagnosed),

@@ -79,7 +79,7 @@ def replay_text(session: PostureSession) -> str:
     return paragraphs(
         f"{session.name}: {opened.machine.full_name} ({opened.machine_file}), "
         f"{opened.procedure.name}, {opened.origin}, "
-        f"{len(session.readings)} of {len(session.all_readings)} readings count",
+        f"{len(session.readings)} of {len(session.all_readings)} readings are used",
         *readings_parts(session),
         "\n".join(remark_lines(session)) or "No remarks.",
     )

@@ -132,7 +132,7 @@ def _last_words(name: str, origin: str, count: int) -> str:
 
 
 def _when_words(began: datetime, now: datetime) -> str:
-    ago = max(0, (now - began).days)
+    ago = max(0, (now.astimezone(began.tzinfo).date() - began.date()).days)
     return "today" if ago == 0 else f"{ago} day{'s' * (ago > 1)} ago"
 
 

@@ -48,7 +48,7 @@ SIZE_SHOWS = 3.0
 
 def change_parts(solved: SessionSolution, change: PrinterChange) -> list[str | Table]:
     """What to change, then what the contacts say of probe, geometry and size."""
-    where = f"{WHERE} {SCREWS}" if change.endstops_alone else WHERE
+    where = f"{WHERE} {SCREWS}" if change.endstops_alone and change.helps else WHERE
     return [*change_tables(change), where, "\n".join(change_answers(solved, change))]
 
 
@@ -57,15 +57,22 @@ def change_tables(change: PrinterChange) -> list[Table]:
     return [_change_table(change), *([_travel_table(change)] if change.travels else [])]
 
 
+def _then(change: PrinterChange) -> str:
+    """The heading of values; those that are not worth it are only what the readings fit."""
+    return "enter" if change.helps else "fit"
+
+
 def _change_table(change: PrinterChange) -> Table:
+    then = _then(change)
     if change.endstops_alone:
-        table = new_table("tower", "endstop now, mm", "enter", "or move the switch by, mm")
+        move = "or move the switch by, mm" if change.helps else "or the switch by, mm"
+        table = new_table("tower", "endstop now, mm", then, move)
         for tower in change.towers:
             stop = tower.endstop
             moved = signed(-stop.change)
             table.add_row(tower.tower, f"{stop.now:.3f}", f"{stop.then:.3f}", moved)
         return table
-    table = new_table("mm", "endstop", "enter", "arm", "enter", "angle, °", "enter")
+    table = new_table("mm", "endstop", then, "arm", then, "angle, °", then)
     for tower in change.towers:
         pairs = (tower.endstop, tower.arm, tower.angle)
         row = [f"{value:.3f}" for entry in pairs for value in (entry.now, entry.then)]
@@ -78,7 +85,7 @@ def _change_table(change: PrinterChange) -> Table:
 
 def _travel_table(change: PrinterChange) -> Table:
     entry_name = "rotation_distance, mm" if change.turns else "steps per mm, M92"
-    table = new_table("belt", entry_name, "enter", "travels further by, mm/m")
+    table = new_table("belt", entry_name, _then(change), "travels further by, mm/m")
     for tower in change.towers:
         if travel := tower.travel:
             part = travel.then / travel.now if change.turns else travel.now / travel.then

@@ -563,8 +563,11 @@ def _imported(pose: Path, folder: Path) -> Path:
     return folder / "i.jsonl"
 
 
-def test_what_takes_no_postures_says_who_does(pose: Path) -> None:
+def test_what_takes_no_postures_says_who_does(pose: Path, samples: Path) -> None:
     assert "session of another kind of machine: validate" in refused(3, "align", pose)
+    legs = samples / "experiment_1_six.jsonl"
+    for verb in ("compare", "verify"):  # the verb itself is not what to try next
+        assert "take it, compare and verify two of one kind" in refused(3, verb, pose, legs)
 
 
 def test_a_changed_record_is_found(pose: Path, tmp_path: Path) -> None:

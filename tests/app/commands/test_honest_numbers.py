@@ -14,7 +14,7 @@ import pytest
 from calib.arrays import conditions
 from calib.tripod.pipeline import Model
 from tests.app.cli import Run, glidecal
-from tests.conftest import LONG, first_quick
+from tests.conftest import LONG, SAMPLES, first_quick
 
 LEVELS = (0.0, 60.0, -100.0)
 Row = dict[str, Any]
@@ -113,6 +113,29 @@ def test_lengths_that_hide_behind_the_noise_are_told(tmp_path: Path) -> None:
     head = " ".join(below_the_view(run.out)[2].split())
     assert "LEFT OUT: joint offsets and leg lengths: 3 of 6 combinations not identifiable" in head
     assert "All figures are valid only if the other parameters are nominal" in head
+
+
+def test_displacements_in_metres_get_an_answer_with_a_warning(tmp_path: Path) -> None:
+    """Tenths of a millimetre show no law of the drives, so nothing of them is in the model."""
+    with (SAMPLES / "tables" / "experiment_1_six.csv").open(encoding="utf-8") as sample:
+        table: list[Row] = list(csv.DictReader(sample))
+    for row in table:
+        row["displacement_mm"] = float(row["displacement_mm"]) / 1000.0
+    run = solved(tmp_path, table, figures=("--resolution", "0.01", "--repeatability", "0.02"))
+    assert run.status == 0, run.err
+    assert "these values are not expected to make the tool more accurate" in " ".join(
+        run.out.split()
+    )
+
+
+def test_a_reading_of_a_metre_gets_no_advice_that_fails_too(tmp_path: Path) -> None:
+    table = rows(cycles=1)
+    table[2]["value_mm"] = "900"
+    run = solved(tmp_path, table)
+    assert run.status == 5
+    assert run.err.strip().endswith("Look for a wrong reading or unit.")
+    for options in (("--subset", "joint-offsets"), ("--method", "linear")):
+        assert solved(tmp_path, table, *options).status == 5
 
 
 def test_one_repeat_only(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def test_the_size_that_is_entered_is_that_of_the_readings(session: Path, tmp_pat
     # what is adopted is no cause any more: another one beside it is likelier than before
     assert bounds_mm[1] < bounds_mm[0] < 2.0 * bounds_mm[1]
     solved = solve_files([session], model=model(tmp_path), holds="play")
-    assert solved.correction.bound_mm == pytest.approx(bounds_mm[0], rel=0.2)
+    assert solved.correction.bound_mm == pytest.approx(bounds_mm[0], rel=1e-9)
 
 
 def test_a_plan_is_made_of_the_same_posterior(session: Path, tmp_path: Path) -> None:

@@ -145,6 +145,17 @@ def test_what_is_altered_torn_or_doubled_is_named_and_the_rest_shown(
     assert "joint z changed beyond uncertainty" in text
 
 
+def test_today_is_the_day_in_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before: a session of late evening was of today on the next day, beside its own date."""
+    monkeypatch.setattr(f"{__name__}.BEGAN", BEGAN + timedelta(hours=23, minutes=50))
+    measured(tmp_path, 0, (0.1, 0.1, 0.1))
+    folder_history = read_history(tmp_path, index=tmp_path / "index")
+    for hours, when in ((0.1, "today"), (1.0, "1 day ago"), (24.1, "1 day ago")):
+        text = " ".join(history_text(folder_history, BEGAN + timedelta(hours=hours)).split())
+        assert f"Last calibrated {when}: s0.jsonl" in text
+        assert " 2026-01-01 " in text
+
+
 def test_a_file_with_a_long_name_stays_set_in_below_its_number(tmp_path: Path) -> None:
     measured(tmp_path, 0, (0.1, 0.1, 0.1))
     (session,) = tmp_path.iterdir()

@@ -103,7 +103,10 @@ def test_a_table_in_inches(tmp_path: Path) -> None:
 def test_what_is_not_in_the_files_is_said_with_what_it_leaves(tmp_path: Path) -> None:
     shift, gain = effect("axis_offset", "xy", shift=0.2), effect("gauge_gain", "xy", gain=1.0)
     text = " ".join(exported(tmp_path, shift, gain)["calib_joint0.inc"].replace("# ", "").split())
-    assert "not in these files: axis_offset; that leaves 0.0" in text
+    assert (
+        "not in these files: axis_offset; joint offsets take over a part, the rest leaves 0.0"
+        in text
+    )
     assert "gauge_gain" not in text, "it moves no tool"
 
 

@@ -219,8 +219,8 @@ def test_joints_of_the_machine_file_come_before_those_of_the_kinematics(tmp_path
 
 
 def test_an_error_that_no_table_follows_is_refused_as_the_page_says(tmp_path: Path) -> None:
-    """A screw of 5 mm with 90 µm along the travel of an orthoglide."""
-    sizes = {"sine_5mm": {"value": 90.0, "unit": "µm"}, "cosine_5mm": {"value": 0.0, "unit": "µm"}}
+    """A screw of 1 mm with 90 µm along the travel of an orthoglide."""
+    sizes = {"sine_1mm": {"value": 90.0, "unit": "µm"}, "cosine_1mm": {"value": 0.0, "unit": "µm"}}
     document = {
         "schema": "glidecal.model/1",
         "parameters_mm": dict.fromkeys(("d_rho_x", "d_rho_y", "d_rho_z"), 0.0),
@@ -229,7 +229,7 @@ def test_an_error_that_no_table_follows_is_refused_as_the_page_says(tmp_path: Pa
     (tmp_path / "screw.json").write_text(json.dumps(document), encoding="utf-8")
     ini = written(tmp_path, INI.replace("COMP_FILE = z.comp\n", ""))
     options = ("--format", "linuxcnc", "--ini", ini, "-o", tmp_path / "out")
-    assert "256 points do not follow" in refused(2, "export", tmp_path / "screw.json", *options)
+    assert "256 points, which leave" in refused(2, "export", tmp_path / "screw.json", *options)
     page = " ".join((ROOT / "docs" / "export.md").read_text(encoding="utf-8").split())
     (exit_2,) = re.findall(r"Also exit 2: ([^.]*)\.", page)
-    assert "an error that 256 points of a table do not follow" in exit_2
+    assert "an error of which 256 points of a table leave a tenth" in exit_2

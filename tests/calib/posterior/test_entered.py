@@ -133,7 +133,7 @@ def test_squareness_of_a_model_goes_into_the_axes() -> None:
 
 def test_how_well_offsets_are_known_is_that_of_drawn_machines(plain: Posterior) -> None:
     """95 % half widths of the projected offsets against 200,000 draws."""
-    into = projector_of(plain, OFFSETS, "touched-off")
+    into = projector_of(plain.field, OFFSETS, "touched-off")
     generator, drawn = np.random.default_rng(1), []
     for model in plain.models_in_field:
         count = round(200_000 * model.weight)

@@ -439,8 +439,16 @@ ODD_G = "G30 P0 X0 Y0 Z-99999\nG30 P1 X50 Y0 Z0.1\nG30 P2 X0 Y50 Z-99999 S-1\n"
             (m205(PERFECT, extra="Z-probe: failed\nEPR:3 800 20.0 Z-probe offset x [mm]\n"),),
             "no place of a probe | the probe's offset in X and Y: places are taken as the tool's",
         ),
+        (
+            (m503(PERFECT) + "Bed X: 1.0 Y: 2.0 Z: -0,12\n",),
+            "line 44: 'Bed X: 1.0 Y: 2.0 Z: -0,12': no place of G30",
+        ),
+        (
+            (m205(PERFECT, extra="Z-probe:2,1 X:0.00 Y:0.00\nZ-probe:2.1 X:0.00 Y:0,5\n"),),
+            "'Z-probe:2,1 X:0.00 Y:0.00': no place of a probe | 0.g, line",
+        ),
     ],
-    ids=["entries", "calibrated", "marlin", "marlin-z", "repetier"],
+    ids=["entries", "calibrated", "marlin", "marlin-z", "repetier", "marlin-,", "repetier-,"],
 )
 def test_what_is_not_used_is_named(tmp_path: Path, texts: tuple[str, ...], message: str) -> None:
     printer = read(tmp_path, *texts)

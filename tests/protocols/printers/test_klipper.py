@@ -162,6 +162,35 @@ def test_more_contacts_than_a_session_takes_are_refused_before_the_work(
     )
 
 
+def test_a_place_beside_zero_has_no_sign(tmp_path: Path) -> None:
+    steps = ",".join(f"{step:.3f}" for step in stable(PERFECT, -0.02, -0.02, 25.0))
+    extra = ("manual_height0 = 2.0", f"manual_height0_pos = {steps}")
+    with pytest.raises(RecordError, match=r"the tool at \(0\.0, 0\.0, 25\.0\) mm"):
+        read(tmp_path, printer_cfg(PERFECT, 7, extra))
+
+
+@pytest.mark.parametrize("height", ["-0,165508", "1e308", "0.165.5", "1.2e-3"])
+def test_an_answer_with_half_a_number_is_named_and_not_used(height: str, tmp_path: Path) -> None:
+    """Up to the comma or the letter it would be another height."""
+    sound, odd = (
+        f"// probe: at 0.000,{y}.000 bed will contact at z={z}\n"
+        for y, z in ((0, "0.1"), (30, height))
+    )
+    printer = read(tmp_path, PRINTER + steppers() + PROBE, sound + odd)
+    assert len(printer.contacts) == 1
+    assert printer.odd == (f"0.log, line 2: {odd.strip()!r}: no place of PROBE",)
+
+
+def test_a_log_that_was_saved_before_it_went_on_is_named_once(tmp_path: Path) -> None:
+    lines = [f"// probe: at 0.000,{y}.000 bed will contact at z=0.1\n" for y in range(0, 60, 10)]
+    for logs, left_out in (((lines[:4], lines), "0.log"), ((lines, lines[1:3]), "1.log")):
+        texts = ["".join(log) for log in logs]
+        with pytest.raises(RecordError, match=rf"{left_out}: found the same text as in .*\.log"):
+            read(tmp_path, PRINTER + steppers() + PROBE, *texts)
+    printer = read(tmp_path, PRINTER + steppers() + PROBE, "".join(lines[:4]), "".join(lines[4:]))
+    assert len(printer.contacts) == len(lines)
+
+
 def test_old_answers_are_the_place_of_the_tool(tmp_path: Path) -> None:
     log = "// probe at 0.000,30.000 is z=2.506948\n// probe at 5.0 is z=1\n"
     printer = read(tmp_path, PRINTER + steppers() + "[probe]\nz_offset: 2.5\n", log)

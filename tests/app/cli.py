@@ -1,29 +1,33 @@
-"""Run the program as a person would: as a process, with its streams and its exit status.
+"""Run the program as a person would, with its streams and its exit status.
 
-Its processes are forked from one that holds the heavy libraries already: to start Python and load
-scipy takes longer than most commands. `tests/end_to_end` starts Python itself.
+Most tests call it in their own process: there its libraries are loaded, and what one command worked
+out of a session the next one finds. `as_process` is for what only a process shows; it is forked
+from one that holds the heavy libraries already: to start Python and load scipy takes longer than
+most commands. `tests/end_to_end` starts Python itself.
 """
 
 from __future__ import annotations
 
 import atexit
+import gc
 import io
 import multiprocessing
 import os
 import runpy
 import sys
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import ExitStack, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
+from typer.main import get_command
 
 from app.cli import main
 from app.evaluating import correction
 from tests.conftest import ROOT
-from tests.posteriors import posterior_on_disk
+from tests.posteriors import known_posterior, posterior_on_disk
 
 PATIENCE_S = 600.0
 
@@ -56,7 +60,46 @@ class Run:
 
 
 def glidecal(*arguments: str | Path, cwd: Path | None = None) -> Run:
-    """``glidecal`` with these arguments; no terminal, no input."""
+    """``glidecal`` with these arguments, in this process; no terminal, no input."""
+    before, thresholds = dict(os.environ), gc.get_threshold()
+    with TemporaryDirectory() as folder, ExitStack() as stack:
+        out, err = Path(folder, "out"), Path(folder, "err")
+        patch = stack.enter_context(pytest.MonkeyPatch.context())
+        stack.callback(gc.set_threshold, *thresholds)
+        stack.callback(_restore_environment, before)
+        streams = {"stdout": out, "stderr": err}
+        for name, path in streams.items():
+            stream = stack.enter_context(path.open("w", encoding="utf-8"))
+            patch.setattr(sys, name, stream)
+            patch.setattr(sys, f"__{name}__", stream)
+        patch.setattr(sys, "stdin", stack.enter_context(Path(os.devnull).open(encoding="utf-8")))
+        patch.setattr(sys, "argv", ["glidecal", *map(str, arguments)])
+        patch.setattr(sys.modules["__main__"], "__package__", None)  # named by argv
+        patch.setattr("typer.main.get_command", _command)
+        patch.setattr(correction, "posterior", known_posterior)
+        patch.setenv("COLUMNS", "80")
+        if cwd is not None:
+            patch.chdir(cwd)
+        with pytest.raises(SystemExit) as exit_info:
+            main()
+        status = exit_info.value.code
+        assert isinstance(status, int)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        return Run(status, *(p.read_text(encoding="utf-8") for p in (out, err)))
+
+
+def _restore_environment(before: dict[str, str]) -> None:
+    os.environ.clear()
+    os.environ.update(before)
+
+
+_command = cache(get_command)
+"""Of the program, whose verbs and options are the same each time."""
+
+
+def as_process(*arguments: str | Path, cwd: Path | None = None) -> Run:
+    """As `glidecal`, in a process of its own."""
     with TemporaryDirectory() as folder:
         out, err = Path(folder, "out"), Path(folder, "err")
         surroundings = {**os.environ, "COLUMNS": "80"}

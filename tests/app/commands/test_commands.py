@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from app.cli import cli
 from protocols.journal import write_whole
 from protocols.record import read_record
 from protocols.session import Noted, Opened, Reading
-from tests.app.cli import glidecal, refused, run_here
+from tests.app.cli import as_process, glidecal, refused, run_here
 
 EXPERIMENT_2 = "experiment_2_twelve.jsonl"
 
@@ -34,6 +35,18 @@ def test_solve_gives_the_published_table(samples: Path) -> None:
     assert values == pytest.approx([-0.4856, 0.4990, -1.6712], abs=0.0005)
     assert solution["rms_after_mm"] == pytest.approx(0.1379, abs=0.0005)
     assert solution["recommended_subset"] == "joint-offsets"
+
+
+@pytest.mark.parametrize("verb", ["solve", "validate", "no-verb"])
+@pytest.mark.parametrize("name", [EXPERIMENT_2, "none.jsonl"])
+def test_a_process_of_its_own_says_the_same(verb: str, name: str, samples: Path) -> None:
+    """Nearly all tests run the program in their own process."""
+    arguments = verb, samples / name
+    alone = as_process(*arguments)
+    assert replace(alone, err=alone.err.replace("python -m app", "glidecal")) == glidecal(
+        *arguments
+    )
+    assert (alone.status == 0) == (verb != "no-verb" and name == EXPERIMENT_2)
 
 
 def test_solution_document_has_everything_promised(samples: Path) -> None:

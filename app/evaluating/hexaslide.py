@@ -8,12 +8,14 @@ from pathlib import Path
 from app.evaluating.hexaslide_calibration import (
     SHARE,
     CalibratedMachine,
+    beside_effects,
     calibrated,
+    calibrated_for,
     decided,
     diagnosis_of,
 )
 from app.evaluating.posture_history import PostureEntry
-from calib.diagnosis.hexaslide import HexaSlideDiagnosis
+from calib.diagnosis.hexaslide import HexaSlideDiagnosis, diagnosis_from
 from calib.errors import CalibrationError, GlidecalError
 from protocols.hexaslide import HexaSlideMeasurements
 from protocols.hexaslide_session import PostureSession, read_postures
@@ -39,12 +41,13 @@ def posture_result(path: Path) -> PostureResult:
     """Raises RecordError for a file that is no session, CalibrationError as `calibrate_file`."""
     session, record = read_postures(path)
     source = session.measurements()
-    diagnosis, reason = None, ""
+    models, diagnosis, reason = None, None, ""
     try:
-        diagnosis = diagnosis_of(source)
+        models = beside_effects(source, source.readings(), ())
+        diagnosis = diagnosis_from(models)
     except CalibrationError as problem:
         reason = f"{problem}"
-    solved, checked = (calibrated(path.name, source, share) for share in (0.0, SHARE))
+    solved, checked = calibrated_for((0.0, SHARE), path.name, source, models=models)
     return PostureResult(session, record, solved, checked, diagnosis, reason)
 
 

@@ -91,31 +91,50 @@ def calibrated(
     effects: Sequence[AdoptedEffect] = (),
 ) -> CalibratedMachine:
     """The same from what was read. Raises CalibrationError, RecordError for the ``truth``."""
+    (machine,) = calibrated_for((share,), name, source, truth, effects)
+    return machine
+
+
+def calibrated_for(
+    shares: Sequence[float],
+    name: str,
+    source: HexaSlideMeasurements,
+    truth: Path | None = None,
+    effects: Sequence[AdoptedEffect] = (),
+    models: WeighedCauses | None = None,
+) -> list[CalibratedMachine]:
+    """The same for each share; ``models`` as `beside_effects` has them, where that is known."""
     true = None if truth is None else read_truth(truth, source).whole()
     nominal, readings = source.machine.whole(), source.readings()
-    models = _weighed(source, readings, effects)
+    models = models or _weighed(source, readings, effects)
     wrong = () if models is None else _mistakes(models, nominal)
     if wrong:  # one that is believed spoils all parameters, and the machine has nothing of it
         readings = readings.without(wrong)
         models = _weighed(source, readings, effects)
     adopted = () if models is None else models.resized()
     readings = with_effects(readings, nominal, _lead_m(source), adopted)
-    checked = checked_calibration(readings, nominal, true, share)
-    correction = None if models is None else correction_of(models, nominal)
-    if correction is None:
-        full = checked.found if checked.held_out is None else calibrate(readings, nominal)
-        correction = HexaSlideCorrection(full.machine, platform_error(nominal, full))
-    return CalibratedMachine(
-        **vars(checked),
-        name=name,
-        source=source,
-        entered=correction.machine,
-        platform=correction.platform,
-        parameters=correction.parameters or parameters_alone(checked.found),
-        lengths_m=correction.lengths_m or lengths_alone(checked.found),
-        left_out=wrong,
-        adopted=adopted,
-    )
+    each = [checked_calibration(readings, nominal, true, share) for share in shares]
+    common = None if models is None else correction_of(models, nominal)
+    machines = []
+    for checked in each:
+        correction = common
+        if correction is None:
+            full = checked.found if checked.held_out is None else calibrate(readings, nominal)
+            correction = HexaSlideCorrection(full.machine, platform_error(nominal, full))
+        machines.append(
+            CalibratedMachine(
+                **vars(checked),
+                name=name,
+                source=source,
+                entered=correction.machine,
+                platform=correction.platform,
+                parameters=correction.parameters or parameters_alone(checked.found),
+                lengths_m=correction.lengths_m or lengths_alone(checked.found),
+                left_out=wrong,
+                adopted=adopted,
+            )
+        )
+    return machines
 
 
 def diagnosis_of(source: HexaSlideMeasurements) -> HexaSlideDiagnosis:

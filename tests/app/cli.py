@@ -1,23 +1,20 @@
 """Run the program as a person would, with its streams and its exit status.
 
 Most tests call it in their own process: there its libraries are loaded, and what one command worked
-out of a session the next one finds. `as_process` is for what only a process shows; it is forked
-from one that holds the heavy libraries already: to start Python and load scipy takes longer than
-most commands. `tests/end_to_end` starts Python itself.
+out of a session the next one finds. `as_process` is for what only a process shows: to start Python
+and load scipy takes longer than most commands. `tests/end_to_end` starts Python, too.
 """
 
 from __future__ import annotations
 
-import atexit
 import gc
 import io
-import multiprocessing
 import os
-import runpy
+import subprocess
 import sys
 from contextlib import ExitStack, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -27,27 +24,9 @@ from typer.main import get_command
 from app.cli import main
 from app.evaluating import correction
 from tests.conftest import ROOT
-from tests.posteriors import known_posterior, posterior_on_disk
+from tests.posteriors import known_posterior
 
 PATIENCE_S = 600.0
-
-
-def _loaded() -> list[str]:
-    """The program's modules, all but its start, its screens and server."""
-    rooms = ("calib", "drivers", "protocols", "app")
-    modules = [path.relative_to(ROOT) for room in rooms for path in (ROOT / room).rglob("*.py")]
-    names = [".".join(path.with_suffix("").parts) for path in modules]
-    left_out = ("app.__main__", "app.screens", "app.serving")
-    return [
-        name for name in names if not name.endswith("__init__") and not name.startswith(left_out)
-    ]
-
-
-if sys.platform == "win32":
-    PROCESSES = multiprocessing.get_context("spawn")
-else:
-    PROCESSES = multiprocessing.get_context("forkserver")
-    PROCESSES.set_forkserver_preload(["__main__", "tests.app.cli", "scipy.stats", *_loaded()])
 
 
 @dataclass(frozen=True)
@@ -100,54 +79,16 @@ _command = cache(get_command)
 
 def as_process(*arguments: str | Path, cwd: Path | None = None) -> Run:
     """As `glidecal`, in a process of its own."""
-    with TemporaryDirectory() as folder:
-        out, err = Path(folder, "out"), Path(folder, "err")
-        surroundings = {**os.environ, "COLUMNS": "80"}
-        started = ([*map(str, arguments)], cwd or Path.cwd(), surroundings, out, err, _posteriors())
-        process = PROCESSES.Process(target=_as_program, args=started)
-        process.start()
-        process.join(PATIENCE_S)
-        if process.exitcode is None:
-            process.kill()
-            process.join()
-        assert process.exitcode is not None
-        return Run(process.exitcode, *(p.read_text(encoding="utf-8") for p in (out, err)))
-
-
-@cache
-def _posteriors() -> Path:
-    """Where the commands of this process leave what the next ones would work out again."""
-    folder = TemporaryDirectory(prefix="glidecal-posteriors-")
-    atexit.register(folder.cleanup)
-    return Path(folder.name)
-
-
-def _as_program(
-    arguments: list[str],
-    cwd: Path,
-    surroundings: dict[str, str],
-    out: Path,
-    err: Path,
-    posteriors: Path,
-) -> None:
-    """``python -m app`` in this process."""
-    vars(correction)["posterior"] = partial(posterior_on_disk, posteriors)
-    os.environ.clear()
-    os.environ.update(surroundings)
-    os.chdir(cwd)
-    _connect(0, os.devnull, os.O_RDONLY)
-    _connect(1, out, os.O_WRONLY | os.O_CREAT)
-    _connect(2, err, os.O_WRONLY | os.O_CREAT)
-    sys.stdout = os.fdopen(1, "w", encoding="utf-8", closefd=False)
-    sys.stderr = os.fdopen(2, "w", encoding="utf-8", errors="backslashreplace", closefd=False)
-    sys.argv[1:] = arguments
-    runpy.run_module("app", run_name="__main__", alter_sys=True)
-
-
-def _connect(number: int, path: str | Path, flags: int) -> None:
-    opened = os.open(path, flags, 0o600)
-    os.dup2(opened, number)
-    os.close(opened)
+    run = subprocess.run(
+        [sys.executable, "-m", "app", *map(str, arguments)],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        check=False,
+        timeout=PATIENCE_S,
+        env={**os.environ, "COLUMNS": "80", "PYTHONPATH": str(ROOT)},
+        cwd=cwd,
+    )
+    return Run(run.returncode, run.stdout.decode(), run.stderr.decode())
 
 
 def refused(status: int, *arguments: str | Path, cwd: Path | None = None) -> str:
@@ -167,6 +108,7 @@ def run_here(*arguments: str) -> tuple[int, str, str]:
     out, err = (io.TextIOWrapper(stream, encoding="utf-8") for stream in streams)
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.setattr(sys, "argv", ["glidecal", *arguments])
+        patch.setattr("typer.main.get_command", _command)
         with pytest.raises(SystemExit) as exit_info:
             main()
         sys.stderr.flush()

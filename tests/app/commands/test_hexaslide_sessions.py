@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import multiprocessing
 import os
 import random
 import re
@@ -44,7 +45,7 @@ from protocols.hexaslide_session import (
     simulated_truth,
 )
 from protocols.journal import write_whole
-from tests.app.cli import PROCESSES, glidecal, refused
+from tests.app.cli import glidecal, refused
 from tests.conftest import LONG, ROOT, first_quick
 
 Rows = list[list[str]]
@@ -369,9 +370,11 @@ def test_forty_kills_lose_nothing(tmp_path: Path) -> None:
     taking = PostureTaking.begin(killed(tmp_path / "whole.jsonl"))
     measure_simulated(taking, KILLED_SEED, quiet)
     reports: set[str] = set()
+    processes = multiprocessing.get_context("forkserver")
+    processes.set_forkserver_preload([__name__])  # to load scipy forty times takes minutes
     for _ in range(40):
-        ours, theirs = PROCESSES.Pipe()
-        process = PROCESSES.Process(target=_measured, args=(path, theirs))
+        ours, theirs = processes.Pipe()
+        process = processes.Process(target=_measured, args=(path, theirs))
         process.start()
         reports.add(ours.recv())
         ours.send("go on")

@@ -60,7 +60,7 @@ def met(firmware: true.Firmware, travel_mm: true.FloatArray) -> true.FloatArray:
     return place
 
 
-@pytest.fixture(scope="module", params=["klipper", "marlin"])
+@pytest.fixture(scope="module", params=first_quick(["klipper", "marlin"]))
 def simulated(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     text = {"klipper": printer_cfg(true.OFF_IN_ALL), "marlin": m503(true.OFF_IN_ALL, 2)}
     return session_of(tmp_path_factory.mktemp("simulated"), text[request.param])

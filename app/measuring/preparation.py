@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import permutations
 from pathlib import Path
+from threading import Event
 
 from app.measuring.indicators import (
+    DEFAULT_PROFILE,
+    asked_of,
     check_indicators,
     form_of,
     from_file,
@@ -18,8 +21,10 @@ from app.measuring.indicators import (
     simulated_indicators,
 )
 from app.measuring.plan import Plan, session_name
-from calib.errors import UsageError
+from calib.errors import GlidecalError, IndicatorError, UsageError
+from drivers.doctor import PortFinding, findings_of, refused, try_profiles
 from drivers.profile import Evidence, Profile, Unit
+from drivers.profiles import PROFILES
 from protocols.data_table import NUMBER
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.motion import procedure_of
@@ -43,31 +48,56 @@ class Preparation:
     """``typed`` texts by field, and the ``forms`` of two indicators.
 
     ``source`` says where these were proposed from: "file", "last", or "" where they were chosen.
+    ``fields`` are texts that follow from what was typed; its ``problem`` is that of the machine,
+    ``forgotten`` why nothing is known of what was used last. ``answered`` tells which profiles fit
+    at a port.
     """
 
     typed: Mapping[str, str] = field(default_factory=dict)
     forms: list[Form] = field(default_factory=lambda: [{}, {}])
     source: str = ""
-    proposed_for: Machine | None = None
+    fields: dict[str, str] = field(default_factory=dict)
+    problem: GlidecalError | None = None
+    forgotten: GlidecalError | None = None
+    answered: dict[str, str] = field(default_factory=dict)
     offered_for: Machine = field(default_factory=lambda: load_machine(None))
+    _proposed_for: Machine | None = None
     _usual: str | None = None
+
+    def retype(self, typed: Mapping[str, str]) -> None:
+        """What the fields say now: the machine decides what can be measured, and with what."""
+        self.typed, self.fields, self.problem, self.forgotten = typed, {}, None, None
+        try:
+            machine = self.machine()
+            self._offer(machine)
+            if machine != self._proposed_for and (self.source or not any(self.forms)):
+                self._propose(machine)
+        except GlidecalError as problem:
+            self.problem = problem
+        self.typed = {**typed, **self.fields}
 
     def machine(self) -> Machine:
         """Raises RecordError or UsageError for what is no machine."""
         typed = self.typed.get("machine")
         return load_machine(str(Path(typed).expanduser()) if typed else None)
 
-    def usual_procedure(self, machine: Machine) -> str:
-        """By hand, or where a controller moves the machine."""
-        return procedure_of(machine, moving=bool(self.typed["motion"]))
+    def _offer(self, machine: Machine) -> None:
+        """Its usual procedure, by hand or where a controller moves it, or the chosen one."""
+        chosen, before = (
+            self.typed.get("procedure"),
+            self._usual or self.offered_for.usual_procedure,
+        )
+        self._usual = procedure_of(machine, moving=bool(self.typed["motion"]))
+        self.offered_for = machine
+        stays = chosen and chosen != before and chosen in self.procedures
+        self.fields["procedure"] = chosen if chosen and stays else self._usual
 
-    def offer(self, machine: Machine) -> tuple[list[str], str]:
-        """The procedures of a machine, and that of its usual one or the chosen one."""
-        names, chosen = procedures_of(machine), self.typed.get("procedure", "")
-        before = self._usual or self.offered_for.usual_procedure
-        self._usual, self.offered_for = self.usual_procedure(machine), machine
-        stays = chosen != before and chosen in names
-        return names, chosen if stays else self._usual
+    @property
+    def procedures(self) -> list[str]:
+        """What a guided session can measure on the machine, its usual procedure first."""
+        machine = self.offered_for
+        offered = guided_procedure_names(machine.geometry(), machine.printable_radius_mm)
+        return list(dict.fromkeys([machine.usual_procedure, *offered]))
 
     def procedure(self, machine: Machine) -> Procedure:
         """Shuffled where a seed is typed. Raises UsageError, RecordError."""
@@ -95,29 +125,24 @@ class Preparation:
         if form != self.forms[which]:
             self.forms[which], self.source = form, ""
 
-    def to_propose(self, machine: Machine) -> bool:
-        """Whether another machine is named since, and no indicators were chosen."""
-        return machine != self.proposed_for and (not any(self.forms) or bool(self.source))
+    def _propose(self, machine: Machine) -> None:
+        """The indicators of the machine file, else those used last; serial number and place.
 
-    def propose(self, machine: Machine) -> None:
-        """The indicators of the machine file. Raises UsageError where it may not name a port."""
-        self.forms, self.source = [{}, {}], ""
-        self._take(from_file(machine.indicator, "the machine file"), "file")
-        self.proposed_for = machine
-
-    def propose_last(self, machine: Machine) -> tuple[str, str]:
-        """The indicators used last, where the file has none; serial number and place.
-
-        Raises RecordError.
+        Raises UsageError where the file may not name a port.
         """
-        serial_number, place = last_identity(machine.name)
-        if not self.source:
-            self._take(last_used(machine.name), "last")
-        return machine.serial_number or serial_number, machine.place or place
-
-    def _take(self, instruments: Sequence[Instrument], source: str) -> None:
-        if instruments:
-            self.forms, self.source = [*map(form_of, instruments), {}][:2], source
+        self.forms, self.source = [{}, {}], ""
+        proposed = {"file": from_file(machine.indicator, "the machine file")}
+        self._proposed_for = machine
+        try:
+            serial_number, place = last_identity(machine.name)
+            proposed["last"] = last_used(machine.name)
+            self.fields["serial"] = machine.serial_number or serial_number
+            self.fields["place"] = machine.place or place
+        except GlidecalError as problem:
+            self.forgotten = problem
+        for source, instruments in proposed.items():
+            if instruments and not self.source:
+                self.forms, self.source = [*map(form_of, instruments), {}][:2], source
 
     def rehearsal(self) -> Plan:
         """What would be measured; without any indicators, with two. Raises as `plan`."""
@@ -149,22 +174,45 @@ class Preparation:
 
 def retyped(form: Form, typed: Mapping[str, str]) -> Form:
     """The values of an indicator with those that were typed; what is usual need not stand in it."""
-    usual = USUAL | form
-    changed = {name: text for name, text in typed.items() if text != str(usual.get(name, ""))}
+    usual, named = USUAL | form, Instrument.model_fields
+    changed = {n: text for n, text in typed.items() if n in named and text != str(usual.get(n, ""))}
     left_out = OF_ITS_OWN if "profile" in changed else ()
     return {name: value for name, value in (form | changed).items() if name not in left_out}
 
 
-def best_fit(fitting: Sequence[Profile], chosen: object) -> str:
-    """The name of the profile to take: the chosen one if it fits, else one that is verified."""
-    best = min(fitting, key=lambda profile: profile.verified is Evidence.UNVERIFIED)
-    return str(chosen) if chosen in [profile.name for profile in fitting] else best.name
+class ProfileTrial:
+    """The port of a form, asked as each profile does; ``fitting`` are those that fit, then.
 
+    Raises UsageError or IndicatorError for what is no port.
+    """
 
-def procedures_of(machine: Machine) -> list[str]:
-    """What a guided session can measure on this machine, its usual procedure first."""
-    offered = guided_procedure_names(machine.geometry(), machine.printable_radius_mm)
-    return list(dict.fromkeys([machine.usual_procedure, *offered]))
+    def __init__(self, form: Form) -> None:
+        asking = {name: form.get(name) for name in ("port", "channel", "unit")}
+        self.instrument = indicator_of({"profile": DEFAULT_PROFILE, **asking})  # any: not asked for
+        self.fitting: list[Profile] = []
+        self._stopped = Event()
+
+    def stop(self) -> None:
+        """The next profile is not tried any more."""
+        self._stopped.set()
+
+    def run(self, progress: Callable[..., object]) -> list[PortFinding]:
+        """Try them, up to a minute; nothing is found where it is stopped before one fits."""
+        port, stopped = self.instrument.port, self._stopped.is_set
+        asked = asked_of(self.instrument)
+        try:
+            trials = try_profiles(
+                PROFILES.values(), port, asked, progress=progress, stopped=stopped
+            )
+        except IndicatorError as problem:
+            return [refused(port, problem)]
+        self.fitting = [fit.profile for fit in trials.fits]
+        return findings_of(trials) if self.fitting or not stopped() else []
+
+    def best(self, chosen: object) -> str:
+        """The name of the profile to take: the chosen one if it fits, else one that is verified."""
+        best = min(self.fitting, key=lambda profile: profile.verified is Evidence.UNVERIFIED)
+        return str(chosen) if chosen in [profile.name for profile in self.fitting] else best.name
 
 
 def _temperature(text: str) -> float | None:

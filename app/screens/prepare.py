@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from functools import partial
-from threading import Event
 from typing import ClassVar
 
 from textual import on, work
@@ -18,33 +17,15 @@ from textual.screen import ScreenResultType
 from textual.widget import Widget
 from textual.widgets import Input, Label, Select, Static
 
-from app.measuring.indicators import (
-    DEFAULT_PROFILE,
-    asked_of,
-    indicator_of,
-    serial_ports,
-)
-from app.measuring.preparation import (
-    AXES,
-    USUAL,
-    Form,
-    Preparation,
-    best_fit,
-    procedures_of,
-    retyped,
-)
+from app.measuring.indicators import serial_ports
+from app.measuring.preparation import Form, Preparation, ProfileTrial, retyped
 from app.report.text import home as texts
 from app.report.text.indicator import findings_text, trial_text
-from app.report.text.preparing import indicator_lines, prepared_texts
+from app.report.text.preparing import indicator_fields, prepared_texts
 from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.interface import MainScreen
 from app.screens.pages import apart
-from calib.errors import GlidecalError, IndicatorError
-from drivers.doctor import Trials, findings_of, refused, try_profiles
-from drivers.profile import Query, Unit
-from drivers.profiles import PROFILES
 from protocols.documents import MOST_LETTERS
-from protocols.machine import Machine
 
 
 class FormScreen(MainScreen[ScreenResultType]):
@@ -52,17 +33,36 @@ class FormScreen(MainScreen[ScreenResultType]):
 
     def content(self) -> ComposeResult:
         with VerticalScroll(id="form"):
-            yield from self.fields()
+            for field in self.fields():
+                with Horizontal(classes="field"):
+                    yield Label(field.label, markup=False)
+                    yield self.box(field)
             yield Static("", id="summary", markup=False)
 
     @abstractmethod
-    def fields(self) -> ComposeResult:
-        """A row for each."""
+    def fields(self) -> Iterable[texts.FormField]:
+        """From top to bottom."""
+
+    def box(self, field: texts.FormField) -> Widget:
+        """What is typed into or chosen from; a list without a hint has always a choice."""
+        if field.rows is None:
+            line = Input(field.value, field.hint, id=field.name, compact=True)
+            line.max_length = MOST_LETTERS  # a value of a file may be longer
+            return line
+        options = [(Content(words), value) for words, value in field.rows]
+        chosen = field.value if field.value in [value for _, value in options] else Select.NULL
+        prompt, blank = self.app.keyed(field.hint), bool(field.hint)
+        return Select(
+            options, prompt=prompt, allow_blank=blank, value=chosen, id=field.name, compact=True
+        )
+
+    def boxes(self) -> dict[str, Input | Select[str]]:
+        return {str(box.id): box for box in (*self.query(Input), *self.query(Select))}
 
     def typed(self) -> dict[str, str]:
         """What the fields say now: a key may come before the news of what was typed."""
-        fields = {str(f.id): f.value for f in (*self.query(Input), *self.query(Select))}
-        return {name: value.strip() for name, value in fields.items() if isinstance(value, str)}
+        values = {name: box.value for name, box in self.boxes().items()}
+        return {name: value.strip() for name, value in values.items() if isinstance(value, str)}
 
     def summary(self, text: str) -> None:
         self.query_one("#summary", Static).update(self.app.keyed(text))
@@ -83,28 +83,11 @@ class IndicatorScreen(FormScreen[Form]):
 
     def __init__(self, which: str, form: Mapping[str, object], answered: dict[str, str]) -> None:
         super().__init__()
-        self.heading, self._form = which, dict(form)
-        self._answered = answered  # which profiles fit at a port, as long as the program runs
-        self._stop: Event | None = None
+        self.heading, self._form, self._answered = which, dict(form), answered
+        self._trial: ProfileTrial | None = None
 
-    def fields(self) -> ComposeResult:
-        values = USUAL | self._form
-        along = dict.fromkeys([*AXES, str(values["axes"])])
-        here = [(texts.port_label(*entry, self._answered), entry[0]) for entry in serial_ports()]
-        profiles = texts.profile_rows(PROFILES.values())
-        yield from row("Ports here", choice("here", here, prompt=texts.ports_here(len(here))))
-        yield from self._input("port")
-        chosen, prompt = values.get("profile"), self.app.keyed(texts.PROFILE_PROMPT)
-        yield from row("Profile", choice("profile", profiles, chosen, prompt))
-        rows = [(texts.axes_words(entry), entry) for entry in along]
-        yield from row("Measures along", choice("axes", rows, values["axes"]))
-        units = [(entry.value, entry.value) for entry in Unit]
-        yield from row("Unit of the display", choice("unit", units, values["unit"]))
-        for name in ("channel", "serial_number", "certificate", "certificate_date"):
-            yield from self._input(name)
-
-    def _input(self, name: str) -> ComposeResult:
-        yield from entry(name, *texts.INDICATOR_FIELDS[name], str(self._form.get(name, "")))
+    def fields(self) -> Iterable[texts.FormField]:
+        return indicator_fields(self._form, self._answered)
 
     def on_mount(self) -> None:
         self.summary(texts.TRY_HINT)
@@ -118,100 +101,52 @@ class IndicatorScreen(FormScreen[Form]):
 
     def on_input_changed(self) -> None:
         before = self._form
-        if self._read() != before and self._stop is None:
+        if self._read() != before and self._trial is None:
             self.summary(texts.form_problem(self._form) or texts.TRY_HINT)
 
     def _read(self) -> Form:
-        typed = self.typed()
-        typed.pop("here", None)
-        self._form = retyped(self._form, typed)
+        self._form = retyped(self._form, self.typed())
         return self._form
 
     def action_leave(self) -> None:
         """Stop trying, or go back with what stands here."""
-        if self._stop is not None:
-            self._stop.set()
+        if self._trial is not None:
+            self._trial.stop()
         else:
             self.dismiss({name: value for name, value in self._read().items() if value != ""})
 
     def action_try_profiles(self) -> None:
         """Ask the port as each profile does: the operator says that an indicator is there."""
-        if self._stop is not None:
-            return
-        with self.app.complaining():
-            asking = {name: self._read().get(name) for name in ("port", "channel", "unit")}
-            instrument = indicator_of({"profile": DEFAULT_PROFILE, **asking})  # any: not asked for
-            self._stop = Event()
-            self._try(instrument.port, asked_of(instrument), self._stop)
+        if self._trial is None:
+            with self.app.complaining():
+                self._trial = ProfileTrial(self._read())
+                self._try(self._trial)
 
     @work
-    async def _try(self, port: str, asked: Query, stop: Event) -> None:
-        def tell(*trial: object) -> None:
-            words = f"{texts.TRYING}\n{trial_text(*trial)}"  # type: ignore[arg-type]
+    async def _try(self, trial: ProfileTrial) -> None:
+        def tell(*asked: object) -> None:
+            words = f"{texts.TRYING}\n{trial_text(*asked)}"  # type: ignore[arg-type]
             self.app.call_from_thread(self.summary, words)
 
-        job = partial(try_profiles, PROFILES.values(), progress=tell, stopped=stop.is_set)
         try:
-            trials = await apart(self, job, port, asked)
-        except IndicatorError as problem:
-            text = findings_text([refused(port, problem)])
-        else:
-            self._propose(port, trials)
-            stopped = stop.is_set() and not trials.fits
-            text = texts.STOPPED if stopped else findings_text(findings_of(trials))
+            findings = await apart(self, trial.run, tell)
         finally:  # the screen may be gone, and its worker with it
-            stop.set()
-        self._stop = None
-        self.summary(text)
-
-    def _propose(self, port: str, trials: Trials) -> None:
-        """Put the profiles that fit first, and take one."""
-        fitting = [fit.profile for fit in trials.fits]
-        if not fitting:
-            return
-        self._answered[port] = ", ".join(profile.name for profile in fitting)
-        other_profiles = [profile for profile in PROFILES.values() if profile not in fitting]
-        profiles = self.query_one("#profile", Select)
-        rows = [*texts.profile_rows(fitting, "fits: "), *texts.profile_rows(other_profiles)]
-        profiles.set_options((Content(words), name) for words, name in rows)
-        profiles.value = best_fit(fitting, self._form.get("profile"))
-        self._read()
-
-
-def row(label: str, widget: Widget) -> ComposeResult:
-    """One line of a form."""
-    with Horizontal(classes="field"):
-        yield Label(label, markup=False)
-        yield widget
-
-
-def entry(name: str, label: str, hint: str, value: str = "") -> ComposeResult:
-    """A line to type into; a value of a file may be longer than what can be typed."""
-    typed = Input(value, hint, id=name, compact=True)
-    typed.max_length = MOST_LETTERS
-    yield from row(label, typed)
-
-
-def choice(
-    name: str, rows: Iterable[tuple[str, str]], value: object = None, prompt: str = ""
-) -> Select[str]:
-    """A list to choose from; without a value nothing is chosen."""
-    options = [(Content(words), value_of_row) for words, value_of_row in rows]
-    chosen = next((choosable for _, choosable in options if choosable == value), Select.NULL)
-    blank = bool(prompt)
-    return Select(options, prompt=prompt, allow_blank=blank, value=chosen, id=name, compact=True)
-
-
-INDICATORS, IDENTITY = ("indicator1", "indicator2"), ("#serial", "#place")
+            trial.stop()
+        if trial.fitting:  # they stand first, and one of them is taken
+            self._answered[trial.instrument.port] = ", ".join(fit.name for fit in trial.fitting)
+            profiles, rows = self.query_one("#profile", Select), texts.profile_rows(trial.fitting)
+            profiles.set_options((Content(words), name) for words, name in rows)
+            profiles.value = trial.best(self._form.get("profile"))
+            self._read()
+        self._trial = None
+        self.summary(findings_text(findings) or texts.STOPPED)
 
 
 class IndicatorField(Static, can_focus=True):
     """The line of one indicator; its form opens on Enter or a click."""
 
-    def on_click(self) -> None:
-        self.focus()
-        if isinstance(self.screen, PrepareScreen):
-            self.screen.action_choose()
+    async def on_click(self) -> None:
+        await self.run_action("screen.choose")
 
 
 class PrepareScreen(FormScreen[None]):
@@ -231,57 +166,42 @@ class PrepareScreen(FormScreen[None]):
     def __init__(self) -> None:
         super().__init__()
         self._prepared = Preparation()
-        self._answered: dict[str, str] = {}
 
-    def fields(self) -> ComposeResult:
-        for field in (texts.MACHINE, *texts.IDENTITY):
-            yield from entry(*field)
-        names = procedures_of(self._prepared.offered_for)
-        yield from row("Procedure", choice("procedure", zip(names, names, strict=True)))
-        for name, words in zip(INDICATORS, texts.WHICH_INDICATOR, strict=True):
-            yield from row(words, IndicatorField(id=name, markup=False))
-        for field in texts.FIELDS:
-            yield from entry(*field)
+    def fields(self) -> Iterable[texts.FormField]:
+        rows = [(name, name) for name in self._prepared.procedures]
+        procedure = texts.FormField("procedure", "Procedure", rows=rows)
+        return (*texts.WHICH_MACHINE, procedure, *texts.WHICH_INDICATOR, *texts.FIELDS)
 
-    def on_mount(self) -> None:
-        for name, words in texts.FIELD_HELP.items():
-            self.query_one(f"#{name}").tooltip = Content(words)
+    def box(self, field: texts.FormField) -> Widget:
+        of_indicator = field in texts.WHICH_INDICATOR
+        box = IndicatorField(id=field.name, markup=False) if of_indicator else super().box(field)
+        if field.name in texts.FIELD_HELP:
+            box.tooltip = Content(texts.FIELD_HELP[field.name])
+        return box
 
     @on(Input.Changed)
     @on(Select.Changed)
     @on(ScreenResume)
     def summarise(self) -> None:
         """What the form says now; ports may have come or gone on, too."""
-        try:
-            machine = self._read().machine()
-            self._offer(machine)
-            self._propose(machine)
-            text, lines = prepared_texts(self._read(), machine)
-        except GlidecalError as problem:
-            text, lines = str(problem), indicator_lines(self._prepared)
+        prepared, before = self._prepared, self._prepared.offered_for
+        prepared.retype(self.typed())
+        boxes = self.boxes()
+        if prepared.offered_for != before:
+            rows = ((Content(name), name) for name in prepared.procedures)
+            self.query_one("#procedure", Select).set_options(rows)
+        for name, value in prepared.fields.items():
+            boxes[name].value = value
+        if prepared.forgotten:
+            self.app.complain(prepared.forgotten)
+        text, lines = prepared_texts(prepared)
         self.query_one("#summary", Static).update(text)
-        for name, words in zip(INDICATORS, lines, strict=True):
-            self.query_one(f"#{name}", IndicatorField).update(self.app.keyed(words))
+        for line, words in zip(self.query(IndicatorField), lines, strict=True):
+            line.update(self.app.keyed(words))
 
     def _read(self) -> Preparation:
         self._prepared.typed = self.typed()
         return self._prepared
-
-    def _offer(self, machine: Machine) -> None:
-        """What the machine can measure: as usual by hand or with a controller, or as chosen."""
-        procedures, offered_for = self.query_one("#procedure", Select), self._prepared.offered_for
-        names, chosen = self._prepared.offer(machine)
-        if machine != offered_for:
-            procedures.set_options((Content(name), name) for name in names)
-        procedures.value = chosen
-
-    def _propose(self, machine: Machine) -> None:
-        """The indicators of the machine file, else those used last, until others are chosen."""
-        if self._prepared.to_propose(machine):
-            self._prepared.propose(machine)
-            with self.app.complaining():
-                for name, text in zip(IDENTITY, self._prepared.propose_last(machine), strict=True):
-                    self.query_one(name, Input).value = text
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Enter and Delete are for the lines of the indicators."""
@@ -289,19 +209,18 @@ class PrepareScreen(FormScreen[None]):
 
     def action_choose(self) -> None:
         which = self._which()
-        form = self._prepared.forms[which]
-        screen = IndicatorScreen(texts.WHICH_INDICATOR[which], form, self._answered)
-        self.app.push_screen(screen, lambda chosen: self._chosen(which, chosen or {}))
+        form, answered = self._prepared.forms[which], self._prepared.answered
+        screen = IndicatorScreen(texts.WHICH_INDICATOR[which].label, form, answered)
+        self.app.push_screen(screen, partial(self._chosen, which))
 
     def action_clear(self) -> None:
-        self._chosen(self._which(), {})
+        self._chosen(self._which(), None)
 
     def _which(self) -> int:
-        assert self.focused is not None, "offered on the line of an indicator alone"
-        return INDICATORS.index(str(self.focused.id))
+        return [line is self.focused for line in self.query(IndicatorField)].index(True)
 
-    def _chosen(self, which: int, form: Form) -> None:
-        self._prepared.choose(which, form)
+    def _chosen(self, which: int, form: Form | None) -> None:
+        self._prepared.choose(which, form or {})
         self.summarise()
 
     def action_check(self) -> None:

@@ -47,7 +47,7 @@ def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def quick_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
     """Trying does not take its half a minute."""
     quick = {k: replace(p, timeout_s=0.15, interval_s=0.0) for k, p in PROFILES.items()}
-    monkeypatch.setattr("app.screens.prepare.PROFILES", quick)
+    monkeypatch.setattr("app.measuring.preparation.PROFILES", quick)
 
 
 @pytest.fixture

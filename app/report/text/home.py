@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from app.measuring.indicators import indicator_of, port_is_gone
 from app.measuring.recorded import MOST_LISTED, SessionFile
@@ -11,6 +12,7 @@ from app.report.text.tables import new_table, paragraphs
 from app.settings import FILE_VARIABLE, Settings
 from calib.errors import GlidecalError
 from drivers.profile import Evidence, Profile
+from drivers.profiles import PROFILES
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 WORDS_OF_LOOKS = "{looks}"
@@ -192,22 +194,35 @@ FIELD_HELP = {
 }
 """Words of F1 for each field of the form."""
 
+
+class FormField(NamedTuple):
+    """A line of a form to type into, or with ``rows`` of words and value a list to choose from."""
+
+    name: str
+    label: str
+    hint: str = ""
+    value: str = ""
+    rows: Sequence[tuple[str, str]] | None = None
+
+
 OTHERS = ", ".join(name for name in machine_names() if name != USUAL_MACHINE)
-MACHINE = ("machine", "Machine", f"empty: {USUAL_MACHINE}; or {OTHERS}, or a file")
-IDENTITY = (
-    ("serial", "Its serial number", "separates machines of one name in the history"),
-    ("place", "Its place", "a hall or a room, for the history"),
+WHICH_MACHINE = (
+    FormField("machine", "Machine", f"empty: {USUAL_MACHINE}; or {OTHERS}, or a file"),
+    FormField("serial", "Its serial number", "separates machines of one name in the history"),
+    FormField("place", "Its place", "a hall or a room, for the history"),
+)
+WHICH_INDICATOR = (
+    FormField("indicator1", "First indicator"),
+    FormField("indicator2", "Second indicator"),
 )
 FIELDS = (
-    ("operator", "Operator", ""),
-    ("temperature", "Temperature, °C", ""),
-    ("note", "Note", "shown below the result"),
-    ("random", "Random order seed", "empty: the order as written"),
-    ("motion", "Moved by", "empty: you; or linuxcnc:HOST:PORT, grbl:PORT"),
+    FormField("operator", "Operator"),
+    FormField("temperature", "Temperature, °C"),
+    FormField("note", "Note", "shown below the result"),
+    FormField("random", "Random order seed", "empty: the order as written"),
+    FormField("motion", "Moved by", "empty: you; or linuxcnc:HOST:PORT, grbl:PORT"),
 )
-"""Name, label and hint of what is typed."""
 
-WHICH_INDICATOR = ("First indicator", "Second indicator")
 NO_INDICATOR = (
     "none yet: {prepare.choose} chooses",
     "none: each leg is measured twice. {prepare.choose} chooses",
@@ -226,16 +241,17 @@ Other ports are not touched
 Where several profiles fit, the indicators give the same answers: take
 the name that is on yours."""
 
-INDICATOR_FIELDS = {
-    "port": ("Port", "/dev/ttyUSB0, COM5, socket://HOST:PORT"),
-    "channel": ("Channel", "1, of an interface with several inputs"),
-    "serial_number": ("Serial number", ""),
-    "certificate": ("Certificate", "number of the calibration certificate"),
-    "certificate_date": ("Date of certificate", "as 2026-01-31"),
-}
-"""Label and hint of what is typed."""
+INDICATOR_FIELDS = (
+    FormField("port", "Port", "/dev/ttyUSB0, COM5, socket://HOST:PORT"),
+    FormField("profile", "Profile", "choose, or let {indicator.try} try on this port"),
+    FormField("axes", "Measures along"),
+    FormField("unit", "Unit of the display"),
+    FormField("channel", "Channel", "1, of an interface with several inputs"),
+    FormField("serial_number", "Serial number"),
+    FormField("certificate", "Certificate", "number of the calibration certificate"),
+    FormField("certificate_date", "Date of certificate", "as 2026-01-31"),
+)
 
-PROFILE_PROMPT = "choose, or let {indicator.try} try on this port"
 TRY_HINT = "{indicator.try} tries which profiles fit at this port. Nothing is written to it before."
 TRYING = "Trying profiles, up to a minute. {indicator.back} stops."
 STOPPED = "Stopped before a profile fitted."
@@ -266,12 +282,19 @@ def port_label(port: str, description: str, answered: Mapping[str, str]) -> str:
     return f"{port}  {description}{fits}"
 
 
-def profile_rows(profiles: Iterable[Profile], before: str = "") -> list[tuple[str, str]]:
-    """Words and name of each profile for a list."""
+def profile_rows(fitting: Sequence[Profile] = ()) -> list[tuple[str, str]]:
+    """Words and name of each profile for a list, those that fit at the port first."""
+    names = [profile.name for profile in fitting]
+    other_profiles = [profile for profile in PROFILES.values() if profile.name not in names]
     return [
-        (f"{before}{profile.name}  {profile.title}{UNSURE[profile.verified]}", profile.name)
-        for profile in profiles
+        (f"{'fits: ' if profile.name in names else ''}{profile_words(profile)}", profile.name)
+        for profile in (*fitting, *other_profiles)
     ]
+
+
+def profile_words(profile: Profile) -> str:
+    """Its name and what it is for, and whether nobody verified it."""
+    return f"{profile.name}  {profile.title}{UNSURE[profile.verified]}"
 
 
 UNSURE = {Evidence.VENDOR: "", Evidence.CODE: "", Evidence.UNVERIFIED: " (unverified)"}

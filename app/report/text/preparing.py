@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from app.measuring.gauges import PushResult, SpindleCheck
 from app.measuring.indicators import (
@@ -10,21 +10,28 @@ from app.measuring.indicators import (
     moved_adapters,
     port_is_gone,
     profile_of,
+    serial_ports,
 )
 from app.measuring.plan import Plan
-from app.measuring.preparation import Preparation
+from app.measuring.preparation import AXES, USUAL, Form, Preparation
 from app.measuring.simulated import short_travels
 from app.report.text.home import (
     CHOOSE_INDICATOR,
+    INDICATOR_FIELDS,
     NO_INDICATOR,
     NO_INDICATOR_AT_PLATE,
+    FormField,
+    axes_words,
     form_words,
+    port_label,
+    ports_here,
+    profile_rows,
 )
 from app.report.text.session import cycle_words, mdi_line, visits_of
 from app.report.text.tables import new_table, paragraphs
 from calib.errors import GlidecalError
 from calib.tripod.geometry import Geometry
-from drivers.profile import Evidence
+from drivers.profile import Evidence, Unit
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Procedure, Step
 
@@ -48,9 +55,25 @@ def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[
     )
 
 
-def prepared_texts(prepared: Preparation, machine: Machine) -> tuple[str, list[str]]:
+def indicator_fields(form: Form, answered: Mapping[str, str]) -> Iterator[FormField]:
+    """The form of an indicator, with what is known of it; ``answered``: profiles by port."""
+    values = {name: str(value) for name, value in (USUAL | form).items()}
+    ports = [(port_label(*entry, answered), entry[0]) for entry in serial_ports()]
+    rows = {
+        "profile": profile_rows(),
+        "axes": [(axes_words(axes), axes) for axes in dict.fromkeys([*AXES, values["axes"]])],
+        "unit": [(unit.value, unit.value) for unit in Unit],
+    }
+    yield FormField("here", "Ports here", ports_here(len(ports)), rows=ports)
+    for field in INDICATOR_FIELDS:
+        yield field._replace(value=values.get(field.name, ""), rows=rows.get(field.name))
+
+
+def prepared_texts(prepared: Preparation) -> tuple[str, list[str]]:
     """What would be measured, what of the form is still missing or wrong, and `indicator_lines`."""
-    parts, without = [], NO_INDICATOR
+    parts, without, machine = [], NO_INDICATOR, prepared.offered_for
+    if prepared.problem is not None:
+        return str(prepared.problem), indicator_lines(prepared)
     try:
         procedure = prepared.procedure(machine)
         without = NO_INDICATOR if procedure.plate is None else NO_INDICATOR_AT_PLATE

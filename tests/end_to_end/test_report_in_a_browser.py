@@ -24,11 +24,10 @@ from aiohttp.test_utils import TestServer
 
 from app.evaluating.history import read_history
 from app.report.certificate import read_head
-from app.report.pages.contents import report_of
 from app.report.pages.history import history_page
 from app.report.pages.report import html_of
 from app.serving.reports import HEADERS
-from tests.app.report.certificates import laboratory
+from tests.app.report.certificates import laboratory, report_of
 from tests.app.report.test_certificate import check_pages, page_texts
 from tests.app.report.test_pages import SIMULATED, hostile_session
 from tests.conftest import LONG

@@ -12,7 +12,7 @@ from app.evaluating.comparison import Verification
 from app.evaluating.diagnosis import SessionDiagnosis
 from app.evaluating.printer import tower_names
 from app.evaluating.solution import SessionSolution
-from app.report.certificate import CertificateHead, CertifiedCalibration, calibration_of
+from app.report.certificate import CertificateHead, CertifiedCalibration
 from app.report.charts.legs import LegFigure, leg_figures
 from app.report.charts.results import (
     before_and_after,
@@ -103,24 +103,6 @@ class CalibrationReport:
     def title(self) -> str:
         """Of the document."""
         return f"Calibration {'certificate' if self.head else 'report'}: {self.machine}"
-
-
-def report_of(
-    paths: Sequence[Path],
-    *,
-    model: Path | None = None,
-    after: Path | None = None,
-    tolerance_mm: float | None = None,
-    head: CertificateHead | None = None,
-) -> CalibrationReport:
-    """The report of sessions, with what a later one says of the offsets of the last.
-
-    Raises as `calibration_of`.
-    """
-    calibration = calibration_of(
-        paths, model=model, after=after, tolerance_mm=tolerance_mm, head=head
-    )
-    return report_from(calibration)
 
 
 def report_from(calibration: CertifiedCalibration) -> CalibrationReport:

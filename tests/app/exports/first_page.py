@@ -17,11 +17,11 @@ import numpy as np
 
 from app.evaluating.solution import SessionSolution, solve_files
 from app.exports import export_offsets
-from app.report.pages.contents import report_of
 from app.report.text.glance import glance_text
 from protocols.machine import load_machine, machine_text
 from tests.app.cli import glidecal
 from tests.app.exports.test_towers import comments
+from tests.app.report.certificates import report_of
 from tests.blind.printers import RINGS, any_printer, contacts, machine
 
 HIDDEN = (

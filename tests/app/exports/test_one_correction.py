@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from app.evaluating.solution import SessionSolution, judge, solve_files
-from app.report.pages.contents import report_of
 from app.report.schema.document import to_json
 from app.report.schema.solution import SolutionReport, SolutionResults
 from app.report.text.glance import glance_text
@@ -22,6 +21,7 @@ from calib.posterior.tool import FRAMES
 from protocols.machine import Frame, load_machine
 from protocols.model_file import read_model_file
 from tests.app.cli import glidecal
+from tests.app.report.certificates import report_of
 from tests.blind.corrections import sessions
 from tests.conftest import first_quick
 

@@ -1,11 +1,15 @@
-"""What a laboratory states for its certificates, in files of a folder."""
+"""Certificates of sessions, and what a laboratory states for them, in files of a folder."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 from PIL import Image
+
+from app.report.certificate import CertificateHead, calibration_of
+from app.report.pages.contents import CalibrationReport, report_from
 
 LABORATORY = """\
 [laboratory]
@@ -35,6 +39,17 @@ manufacturer = "Maker"
 model = "Model 3"
 serial_number = "OG-0007"
 """
+
+
+def report_of(
+    paths: Sequence[Path],
+    *,
+    after: Path | None = None,
+    tolerance_mm: float | None = None,
+    head: CertificateHead | None = None,
+) -> CalibrationReport:
+    """The report of sessions, as `calibration_of` takes them."""
+    return report_from(calibration_of(paths, after=after, tolerance_mm=tolerance_mm, head=head))
 
 
 def laboratory(

@@ -12,7 +12,6 @@ import pytest
 from app.evaluating.diagnosis import diagnose_files
 from app.evaluating.solution import solve_files
 from app.report.certificate import calibration_of, read_head
-from app.report.pages.contents import report_of
 from app.report.pages.report import html_of, pdf_of
 from app.report.text.tables import signed, uncertain
 from calib.errors import RecordError, UsageError
@@ -24,7 +23,7 @@ from protocols.journal import write_whole
 from protocols.record import read_record
 from protocols.session import Noted, Superseded
 from tests.app.cli import glidecal, refused
-from tests.app.report.certificates import LABORATORY, ORDER, laboratory
+from tests.app.report.certificates import LABORATORY, ORDER, laboratory, report_of
 from tests.conftest import LONG, SAMPLES, first_quick
 
 SIXTY = SAMPLES / "simulated_zero-max-min.jsonl"

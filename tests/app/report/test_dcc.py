@@ -18,13 +18,12 @@ from app.evaluating.solution import solve_files
 from app.report.certificate import calibration_of, read_head
 from app.report.dcc.document import UNITS, certificate_xml
 from app.report.dcc.legs import contents_of
-from app.report.pages.contents import report_of
 from app.report.pages.report import html_of
 from protocols.journal import write_whole
 from protocols.record import read_record
 from protocols.session import Line
 from tests.app.cli import glidecal, refused
-from tests.app.report.certificates import LABORATORY, laboratory
+from tests.app.report.certificates import LABORATORY, laboratory, report_of
 from tests.app.report.test_pages import HOSTILE, hostile_session
 from tests.conftest import LONG, ROOT, SAMPLES
 

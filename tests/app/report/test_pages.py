@@ -25,7 +25,7 @@ from app.evaluating.diagnosis import diagnose_files
 from app.evaluating.solution import judge, solve_files
 from app.report.certificate import CertificateHead
 from app.report.charts.results import residuals_before_and_after
-from app.report.pages.contents import CalibrationReport, report_of
+from app.report.pages.contents import CalibrationReport
 from app.report.pages.report import WIDTH_EM, html_of, pdf_of, widths_em
 from app.report.pages.two_pages import Picture, Section
 from app.report.text.tables import new_table
@@ -36,6 +36,7 @@ from protocols.journal import write_whole
 from protocols.record import read_record
 from protocols.session import Line, Noted, Restored, Skipped, Superseded
 from tests.app.cli import glidecal
+from tests.app.report.certificates import report_of
 from tests.conftest import LONG, SAMPLES
 from tests.hidden_sessions import write_session
 

@@ -47,6 +47,9 @@ more. What the index remembers under another number is worked out again.
 ORIGINS = ("measured", "imported", "simulated")
 """In this order the histories of a folder follow each other."""
 
+PART_S = 2.0
+"""On a screen one part of a history is worked out for so long; then what is known is shown."""
+
 DAY_S = 86_400.0
 LONGEST_DAYS = 36_500.0
 """A date beyond a hundred years is none."""
@@ -138,10 +141,16 @@ class History:
 
     def of_number(self, number: int) -> History:
         """One machine of `all_machines`; the problems are of the folder."""
-        past = self.all_machines[number]
-        machines = (past,) if isinstance(past, MachineHistory) else ()
-        of_postures = (past,) if isinstance(past, PostureHistory) else ()
+        pasts = self.all_machines[number : number + 1]
+        machines = tuple(past for past in pasts if isinstance(past, MachineHistory))
+        of_postures = tuple(past for past in pasts if isinstance(past, PostureHistory))
         return replace(self, machines=machines, of_postures=of_postures, problems=(), waiting=0)
+
+    def of_shown(self, shown: History | None) -> History:
+        """The machine that was ``shown``, with what is known of it by now; else the first one."""
+        before = [(past.machine, past.origin) for past in shown.all_machines] if shown else []
+        names = [(past.machine, past.origin) for past in self.all_machines]
+        return self.of_number(next((k for k, name in enumerate(names) if name in before), 0))
 
     def only(self, which: str) -> History:
         """Those with this name, serial number or both, as `Machine.title` has them.

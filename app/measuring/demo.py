@@ -17,6 +17,7 @@ from app.measuring.plan import (
     SIMULATED_INTERVAL_S,
     Plan,
     session_name,
+    writable_folder,
 )
 from app.measuring.simulated import BenchSettings, hidden_effect, planned_readings
 from calib.arrays import conditions
@@ -94,6 +95,11 @@ def demo_plan(
         window_s=window_s,
         by_itself=by_itself,
     )
+
+
+def watched_plan(folder: Path) -> Plan:
+    """The demonstration that home offers. Raises RecordError where nothing can be written."""
+    return demo_plan(writable_folder(folder), "zero-max-min", 1, WATCHED)
 
 
 class Bench:

@@ -35,6 +35,8 @@ from protocols.session import (
     measured_words,
 )
 
+DEMO_FOLDER = Path("demo-sessions")
+
 MOST = 12
 
 SMALL_BYTES = 2 * END_BYTES
@@ -82,6 +84,15 @@ def sessions_below(folder: Path) -> list[Path]:
     except OSError:  # gone meanwhile, or not to be read
         return []
     return sorted(paths, key=_changed_at, reverse=True)
+
+
+def named_sessions(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """The folders among these paths, and the files that are named or, of a folder, the newest."""
+    folders = [path for path in dict.fromkeys(paths) if path.is_dir()]
+    files = [path for path in paths if path not in folders]
+    for folder in folders:
+        files += sessions_below(folder)[:MOST_LISTED]
+    return folders, list(dict.fromkeys(files))
 
 
 def _session_files(folder: Path) -> list[Path]:
@@ -175,21 +186,11 @@ def _state(record: Record) -> SessionFile:
     return SessionFile(record.path, state, interrupted=True, empty=empty, verifies=verifies)
 
 
-def follow_up(session: SessionFile, among: list[SessionFile]) -> SessionFile | None:
+def follow_up(session: SessionFile, among: Sequence[SessionFile]) -> SessionFile | None:
     """The session that verifies this one, if it is there."""
-    beside = (
-        session_beside
-        for session_beside in among
-        if session_beside.path.parent == session.path.parent
-    )
-    return next(
-        (
-            session_beside
-            for session_beside in beside
-            if session_beside.verifies == session.path.name
-        ),
-        None,
-    )
+    folder, name = session.path.parent, session.path.name
+    beside = (each for each in among if each.path.parent == folder)
+    return next((each for each in beside if each.verifies == name), None)
 
 
 Parser = Callable[[str], float | None]

@@ -12,8 +12,8 @@ from textual.widgets import OptionList
 
 from app.evaluating.comparison import Comparison
 from app.evaluating.history import History
-from app.report.charts.posture_history import platform_figure
-from app.report.charts.results import before_and_after, control_charts
+from app.report.charts.posture_history import history_figures
+from app.report.charts.results import before_and_after
 from app.report.text import history as texts
 from app.report.text import result as result_texts
 from app.screens.paged import Page, PagedScreen
@@ -73,7 +73,7 @@ class HistoryScreen(PagedScreen[None]):
 
     def _show_all(self) -> None:
         """The machine that is shown stays, with sessions that were worked out meanwhile."""
-        history, names = self._history, texts.machine_names(self._history)
+        history = self._history
         self.head(texts.heading_text(history))
         for listed in self.query(OptionList):
             self.put("machines", texts.files_text(history, goes_on=self._more is not None))
@@ -81,20 +81,15 @@ class HistoryScreen(PagedScreen[None]):
             if rows != [str(option.prompt) for option in listed.options]:
                 listed.set_options(rows)
                 listed.highlighted = marked if marked < len(rows) else None
-            shown = texts.machine_names(self._shown)[0] if self._shown else ""
-            if names:
-                self._show(history.of_number(names.index(shown) if shown in names else 0))
-        if not self.query(OptionList):
-            self._show(history)
+            history = history.of_shown(self._shown)
+        self._show(history)
 
     def _show(self, history: History) -> None:
         if history == self._shown:
             return
         self._shown = history
         self.put("history", texts.history_text(history, datetime.now(UTC)))
-        figures = [figure for machine in history.machines for figure in control_charts(machine)]
-        figures += map(platform_figure, history.of_postures)
-        self.query_one(LegPlots).show(figures)
+        self.query_one(LegPlots).show(history_figures(history))
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         self._show(self._history.of_number(event.option_index))

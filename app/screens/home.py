@@ -8,34 +8,24 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from textual import work
 from textual.app import ComposeResult
 from textual.screen import Screen
 from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
 
-from app.measuring.recorded import (
-    MOST_LISTED,
-    SessionFile,
-    follow_up,
-    look_at,
-    recent_sessions,
-    sessions_below,
-)
+from app.measuring import recorded
 from app.report.text import home as texts
+from app.report.text.errand import SessionChoice, plan_to_go_on
 from app.screens import Look, look_of
-from app.screens.interface import ChoiceDialog, MainScreen, TextDialog
-from app.screens.pages import Found, Given, apart
+from app.screens.interface import Answer, ChoiceDialog, MainScreen, TextDialog
+from app.screens.pages import apart, once
 
 if TYPE_CHECKING:
     from app.screens.result import ResultScreen
 
-HISTORY_S = 2.0
-"""So long one part of a history is worked out; then what there is by now is shown."""
-
-DEMO_FOLDER = Path("demo-sessions")
+Shown = TypeVar("Shown", bound=Screen[Any])
 
 
 class HomeScreen(MainScreen[None]):
@@ -44,11 +34,7 @@ class HomeScreen(MainScreen[None]):
     HELP = texts.HOME_HELP
     heading = "glidecal"
     AUTO_FOCUS = "#choices"
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._recent: list[SessionFile] = []
-        self._working = False
+    _recent: Sequence[recorded.SessionFile] = ()
 
     def content(self) -> ComposeResult:
         yield Static(self.question(), markup=False, id="question")
@@ -57,106 +43,74 @@ class HomeScreen(MainScreen[None]):
     def question(self) -> str:
         return texts.HOME_QUESTION
 
-    def sessions(self) -> list[SessionFile]:
-        return recent_sessions(Path(), DEMO_FOLDER)
+    def sessions(self) -> list[recorded.SessionFile]:
+        return recorded.recent_sessions(Path(), recorded.DEMO_FOLDER)
+
+    def rows(self) -> Iterator[texts.ListRow | None]:
+        """What is listed; None is a line between."""
+        own = [(look.name, look.choice) for look in self.app.looks]
+        return texts.home_rows(self._recent, own, read_only=self.app.read_only)
 
     def on_screen_resume(self) -> None:
         """Sessions may have come or gone on while another screen was open."""
         self._recent = self.sessions()
         choices = self.query_one("#choices", OptionList)
         before = choices.highlighted_option.id if choices.highlighted_option else None
-        choices.clear_options()
-        choices.add_options(self.options())
+        choices.set_options(row and Option(*row) for row in self.rows())
         ids = [option.id for option in choices.options]
         choices.highlighted = ids.index(before) if before in ids else 0
 
-    def options(self) -> Iterator[Option | None]:
-        """What is listed; None is a line between."""
-        own = [(look.name, look.choice) for look in self.app.looks]
-        rows = texts.home_rows(self._recent, own, read_only=self.app.read_only)
-        return (row and Option(*row) for row in rows)
-
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        if not self._working:
-            self._working = True
-            self._begin(*(event.option.id or "").partition(" ")[::2])
+        self._begin(*(event.option.id or "").partition(" ")[::2])
 
-    @work
+    @once("choice")
     async def _begin(self, what: str, path: str) -> None:
-        with self.app.complaining():
-            if what == "history":
-                history = await self._computed(_history, Path(path), self.app.looks)
-                self.app.push_screen(history)
-            else:
-                await self._do(what, next((s for s in self._recent if str(s.path) == path), None))
-        self._working = False
-        self.query_one("#question", Static).update(self.question())
-
-    async def _do(self, what: str, session: SessionFile | None) -> None:
-        """Carry a choice out, with a session or after asking which one."""
         app = self.app
         opens = {"new": self._form, "demo": self._demonstration}
         opens |= {look.name: look.screen for look in app.looks}
-        if session is not None and session.problem:
-            app.complain(session.problem)
-        elif what in opens:
-            app.push_screen(opens[what]())
-        elif session is None:
-            which = texts.WHICH["before" if what == "compare" else what]
-            if picked := await self._picked(which, self._recent):
-                await self._do(what, picked)
-        elif what == "session":
-            choices = texts.session_choices(session, read_only=app.read_only)
-            dialog = ChoiceDialog(texts.session_label(session), choices)
-            if answer := await self.ask(dialog):
-                await self._do(answer, session)
-        elif what == "compare":
-            await self._compare(session)
-        else:
-            await self._do_with(session.path, what)
+        choice = SessionChoice(self, self._recent, app.read_only)
+        with app.complaining():
+            if what in opens:
+                app.push_screen(opens[what]())
+            elif what == "history":
+                await self._computed(partial(_history, Path(path), app.looks))
+            elif errand := await choice.errand(what, path):
+                await self._do(*errand)
+        self.query_one("#question", Static).update(self.question())
 
-    async def _picked(
-        self, question: str, sessions: Sequence[SessionFile], proposed: SessionFile | None = None
-    ) -> SessionFile | None:
-        """One of these sessions or one whose path is typed, as long as it can be read."""
-        rows: list[tuple[SessionFile | str, str]] = [(s, texts.session_label(s)) for s in sessions]
-        rows.append((texts.ELSEWHERE, texts.ELSEWHERE))
-        at = sessions.index(proposed) if proposed in sessions else 0
-        words = question if sessions else f"{question}\n{texts.NO_SESSIONS}"
-        while answer := await self.ask(ChoiceDialog(words, rows, at)):
-            if isinstance(answer, str):
-                path = await self.ask(TextDialog(texts.WHICH_PATH, "path"))
-                if not path:
-                    continue
-                answer = look_at(Path(path).expanduser())
-            if not answer.problem:
-                return answer
-            words = f"{answer.problem}\n\n{question}"
-        return None
+    async def choice(
+        self, question: str, answers: Sequence[tuple[Answer, str]], at: int = 0
+    ) -> Answer | None:
+        return await self.ask(ChoiceDialog(question, answers, at))
 
-    async def _do_with(self, path: Path, what: str) -> None:
-        if look := look_of(path, self.app.looks):  # its screen writes what is exported, too
+    async def line(self, question: str, hint: str) -> str | None:
+        return await self.ask(TextDialog(question, hint))
+
+    async def _do(self, what: str, path: Path, after: Path | None) -> None:
+        if after is not None:
+            await self._computed(partial(_comparison, path, after))
+        elif look := look_of(path, self.app.looks):  # its screen writes what is exported, too
             self.app.push_screen(look.opened(path, what))
         elif what == "continue":
-            await self._continue(path)
+            if plan := await plan_to_go_on(self, path):
+                self.app.push_screen(self.app.check(plan))
         elif what == "replay":
             self.app.push_screen(replay_screen(path, ()))
         elif what == "diagnose":
             self.app.push_screen(self.app.diagnosis([path]))
         else:
-            result = await self._computed(_result, path, self.app.read_only)
-            await self.app.push_screen(result)
+            result = await self._computed(partial(_result, path, self.app.read_only))
             for warning in result.solved.warnings:
                 self.app.notify(warning, severity="warning")
             if what == "export":
                 result.action_export()
 
-    async def _computed(
-        self, job: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
-    ) -> Found:
-        """What a job gives, apart from the screen; it loads what it needs there, too."""
+    async def _computed(self, job: Callable[[], Shown]) -> Shown:
+        """Show what a job gives, apart from the screen; it loads what it needs there, too."""
         self.query_one("#question", Static).update(self.app.keyed(texts.COMPUTING))
-        return await apart(self, job, *given, **named)
+        screen = await apart(self, job)
+        await self.app.push_screen(screen)
+        return screen
 
     def _form(self) -> Screen[None]:
         """The form that was left, as it was left."""
@@ -168,50 +122,10 @@ class HomeScreen(MainScreen[None]):
             self.app.install_screen(form, f"form {id(form)}")  # it stays when it is left
         return form
 
-    async def _continue(self, path: Path, typed: str = "") -> None:
-        """The instrument check, after asking for the ports of a record of another computer."""
-        from app.measuring.indicators import parse_indicator
-        from app.measuring.plan import PortsUnknown, plan_to_continue
-
-        try:
-            plan = plan_to_continue(path, tuple(map(parse_indicator, typed.split())))
-        except PortsUnknown as problem:
-            dialog = TextDialog(texts.PORTS_QUESTION.format(problem.thing), texts.PORTS_HINT)
-            if answer := await self.ask(dialog):
-                await self._continue(path, answer)
-        else:
-            self.app.push_screen(self.app.check(plan))
-
     def _demonstration(self) -> Screen[None]:
-        from app.measuring.demo import WATCHED, demo_plan
-        from app.measuring.plan import writable_folder
+        from app.measuring.demo import watched_plan
 
-        plan = demo_plan(writable_folder(DEMO_FOLDER), "zero-max-min", 1, WATCHED)
-        return self.app.check(plan)
-
-    async def _compare(self, session: SessionFile) -> None:
-        """With the session after it; one that verifies another brings its partner."""
-        from app.evaluating.comparison import partner_of
-
-        if session.own_form:
-            self.app.complain(texts.NO_COMPARISON)
-            return
-        pair: tuple[Path, Path] | None = None
-        if partner := partner_of(session.path, session.verifies):
-            question = texts.partner_question(session.path, partner)
-            dialog = ChoiceDialog(question, texts.PARTNER_CHOICES)
-            answer = await self.ask(dialog)
-            if answer is None:
-                return
-            pair = (partner, session.path) if answer == "both" else None
-        if pair is None:
-            other_sessions = [recent for recent in self._recent if recent != session]
-            question = f"{session.path}\n{texts.WHICH['after']}"
-            after = await self._picked(question, other_sessions, follow_up(session, self._recent))
-            if after is None:
-                return
-            pair = session.path, after.path
-        self.app.push_screen(await self._computed(_comparison, *pair))
+        return self.app.check(watched_plan(recorded.DEMO_FOLDER))
 
 
 def _result(path: Path, read_only: bool) -> ResultScreen:
@@ -230,10 +144,10 @@ def _comparison(before: Path, after: Path) -> Screen[None]:
 
 
 def _history(folder: Path, looks: Sequence[Look]) -> Screen[None]:
-    from app.evaluating.history import read_history
+    from app.evaluating.history import PART_S, read_history
     from app.screens.history import HistoryScreen
 
-    job = partial(read_history, folder, of_postures=looks, within_s=HISTORY_S)
+    job = partial(read_history, folder, of_postures=looks, within_s=PART_S)
     return HistoryScreen(job(), job)
 
 
@@ -244,21 +158,16 @@ class ReplayChoiceScreen(HomeScreen):
 
     def __init__(self, paths: Sequence[Path]) -> None:
         super().__init__()
-        self._folders = [path for path in dict.fromkeys(paths) if path.is_dir()]
-        files = [path for path in paths if path not in self._folders]
-        for folder in self._folders:
-            files += sessions_below(folder)[:MOST_LISTED]
-        self._paths = tuple(dict.fromkeys(files))
+        self._folders, self._files = recorded.named_sessions(paths)
 
     def question(self) -> str:
-        served = f"\n{texts.REPORTS_SERVED}" if self.app.read_only else ""
-        return f"{texts.REPLAY_QUESTION}{served}"
+        return texts.replay_question(served=self.app.read_only)
 
-    def sessions(self) -> list[SessionFile]:
-        return list(map(look_at, self._paths))
+    def sessions(self) -> list[recorded.SessionFile]:
+        return list(map(recorded.look_at, self._files))
 
-    def options(self) -> Iterator[Option | None]:
-        return (Option(*row) for row in texts.replay_rows(self._folders, self._recent))
+    def rows(self) -> Iterator[texts.ListRow | None]:
+        return texts.replay_rows(self._folders, self._recent)
 
 
 def replay_screen(path: Path, looks: Iterable[Look]) -> Screen[None]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import cycle
 
 from textual.app import ComposeResult, RenderResult
 from textual.color import Color
@@ -64,28 +66,21 @@ class LegPlots(Horizontal):
 
     def __init__(self) -> None:
         super().__init__()
-        self._legs: tuple[LegFigure, ...] = ()
-        self._first = 0
+        self._legs = deque[LegFigure]()
 
     def compose(self) -> ComposeResult:
         for name in ("one", "beside"):
-            with Vertical(classes=name):
-                yield ChartPlot()
-                yield ChartPlot()
+            yield Vertical(ChartPlot(), ChartPlot(), classes=name)
 
     def show(self, legs: Sequence[LegFigure]) -> None:
-        self._legs, self._first = tuple(legs), 0
+        self._legs.clear()
+        for number, leg in enumerate(legs, 1):
+            readings = replace(leg.readings, title=f"{leg.title} ({number} of {len(legs)})")
+            self._legs.append(replace(leg, readings=readings))
         self.turn(0)
 
     def turn(self, by: int) -> None:
-        if not self._legs:
-            return
-        count = len(self._legs)
-        self._first = (self._first + by) % count
-        for column, place in enumerate(self.query(Vertical)):
-            number = (self._first + column) % count
-            leg = self._legs[number]
-            title = f"{leg.title} ({number + 1} of {count})"
-            above, below = place.query(ChartPlot)
-            above.show(replace(leg.readings, title=title))
-            below.show(leg.left)
+        self._legs.rotate(-by)
+        for place, leg in zip(self.query(Vertical), cycle(self._legs), strict=False):
+            for plot, chart in zip(place.query(ChartPlot), leg.charts, strict=True):
+                plot.show(chart)

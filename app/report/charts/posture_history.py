@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from app.evaluating.history import History
 from app.evaluating.posture_history import PostureHistory
 from app.report.charts.charts import Chart, Series
 from app.report.charts.legs import LegFigure
+from app.report.charts.results import control_charts
 
 
 def platform_chart(machine: PostureHistory) -> Chart:
@@ -22,6 +24,12 @@ def platform_chart(machine: PostureHistory) -> Chart:
     )
     names = tuple(f"{k}" for k in numbers)
     return Chart("Error of the platform", "", "mm r.m.s.", series, names)
+
+
+def history_figures(history: History) -> list[LegFigure]:
+    """Those of joint offsets and of platforms, machine by machine."""
+    figures = [figure for machine in history.machines for figure in control_charts(machine)]
+    return [*figures, *map(platform_figure, history.of_postures)]
 
 
 def platform_figure(machine: PostureHistory) -> LegFigure:

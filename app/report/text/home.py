@@ -41,7 +41,6 @@ palette, Ctrl+P, has themes, keys and a screenshot."""
 ONLY_SHOWN = "This program only shows sessions: nothing is written and nothing is measured."
 REPORTS_SERVED = "Reports to read and print: in the browser, add /reports to this address."
 HISTORY_OF = "History of {}"
-REPLAY_QUESTION = f"Which session do you want to see? {LIST_KEYS}."
 HOME_QUESTION = f"What do you want to do? {LIST_KEYS}."
 COMPUTING = "Computing … {app.quit} leaves."
 
@@ -105,6 +104,12 @@ def home_rows(
     if labels:
         yield None
     yield from ((label, f"session {each.path}") for each, label in labels)
+
+
+def replay_question(*, served: bool) -> str:
+    """Above a list of sessions; where they are served to others, so are their reports."""
+    question = f"Which session do you want to see? {LIST_KEYS}."
+    return f"{question}\n{REPORTS_SERVED}" if served else question
 
 
 def replay_rows(folders: Sequence[Path], sessions: Sequence[SessionFile]) -> Iterator[ListRow]:
@@ -286,15 +291,8 @@ def profile_rows(fitting: Sequence[Profile] = ()) -> list[tuple[str, str]]:
     """Words and name of each profile for a list, those that fit at the port first."""
     names = [profile.name for profile in fitting]
     other_profiles = [profile for profile in PROFILES.values() if profile.name not in names]
-    return [
-        (f"{'fits: ' if profile.name in names else ''}{profile_words(profile)}", profile.name)
-        for profile in (*fitting, *other_profiles)
-    ]
-
-
-def profile_words(profile: Profile) -> str:
-    """Its name and what it is for, and whether nobody verified it."""
-    return f"{profile.name}  {profile.title}{UNSURE[profile.verified]}"
+    rows = [(p.name, f"{p.title}{UNSURE[p.verified]}") for p in (*fitting, *other_profiles)]
+    return [(f"{'fits: ' * (name in names)}{name}  {words}", name) for name, words in rows]
 
 
 UNSURE = {Evidence.VENDOR: "", Evidence.CODE: "", Evidence.UNVERIFIED: " (unverified)"}

@@ -375,6 +375,28 @@ print(past.waiting, len(past.machines[0].points))
     assert history_text(read_history(tmp_path, index=tmp_path / "two"), NOW) == one
 
 
+def test_the_machine_that_is_shown_stays_when_others_come_before_it() -> None:
+    def past(name: str) -> MachineHistory:
+        entry = Entry(
+            began=datetime(2026, 1, 1, tzinfo=UTC),
+            machine=load_machine(None),
+            offsets_mm=(0.0, 0.0, 0.0),
+            expanded_mm=(0.01, 0.01, 0.01),
+        )
+        return history.history_of_machine(name, "measured", [(Path("a.jsonl"), entry)])
+
+    none = history.History(Path(), (), ((Path("b.jsonl"), "damaged"),), waiting=3)
+    assert none.of_shown(None).all_machines == ()
+    assert not none.of_shown(None).problems
+    first = history.History(Path(), (past("second"),), ())
+    shown = first.of_shown(none.of_shown(None))
+    assert [machine.machine for machine in shown.machines] == ["second"]
+    both = history.History(Path(), (past("first"), past("second")), ())
+    assert [machine.machine for machine in both.of_shown(shown).machines] == ["second"]
+    gone = history.History(Path(), (past("first"),), ())
+    assert [machine.machine for machine in gone.of_shown(shown).machines] == ["first"]
+
+
 def test_one_machine_of_several(tmp_path: Path) -> None:
     for number, serial_number in enumerate(("A1", "B2", "A1")):
         (tmp_path / f"{number}").mkdir()

@@ -1,0 +1,110 @@
+"""What a choice at home leads to: which sessions are asked for and which are proposed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+from app.measuring.recorded import SessionFile, follow_up, look_at
+from app.report.text import home as texts
+from calib.errors import RecordError, UsageError
+
+if TYPE_CHECKING:  # it loads the solver
+    from app.measuring.plan import Plan
+
+Answer = TypeVar("Answer")
+
+Errand = tuple[str, Path, Path | None]
+"""What is done, with which session, and the one after it where two are compared."""
+
+
+class Person(Protocol):
+    """Who is asked; None where a question is left without an answer."""
+
+    async def choice(
+        self, question: str, answers: Sequence[tuple[Answer, str]], at: int = 0
+    ) -> Answer | None:
+        """One of these answers, each with its words; that ``at`` a place is proposed."""
+
+    async def line(self, question: str, hint: str) -> str | None:
+        """What is typed."""
+
+
+@dataclass(frozen=True)
+class SessionChoice:
+    """A person chooses among the ``recent`` sessions, or one in another place."""
+
+    person: Person
+    recent: Sequence[SessionFile]
+    read_only: bool = False
+
+    async def errand(self, what: str, path: str) -> Errand | None:
+        """With the session of this path or after asking which one; None where a question is left.
+
+        Raises RecordError for a session that cannot be read, UsageError where it has no comparison.
+        """
+        session = next((each for each in self.recent if str(each.path) == path), None)
+        if session is None:
+            session = await self._one(texts.WHICH["before" if what == "compare" else what])
+        elif session.problem:
+            raise RecordError(session.problem)
+        if session is not None and what == "session":
+            choices = texts.session_choices(session, read_only=self.read_only)
+            what = await self.person.choice(texts.session_label(session), choices) or ""
+        if session is None or not what:
+            return None
+        return await self._pair(session) if what == "compare" else (what, session.path, None)
+
+    async def _pair(self, session: SessionFile) -> Errand | None:
+        """With the session after it; one that verifies another brings its partner."""
+        from app.evaluating.comparison import partner_of  # it loads the solver
+
+        if session.own_form:
+            raise UsageError(texts.NO_COMPARISON)
+        if partner := partner_of(session.path, session.verifies):
+            question = texts.partner_question(session.path, partner)
+            answer = await self.person.choice(question, texts.PARTNER_CHOICES)
+            if answer != "other":
+                return ("compare", partner, session.path) if answer else None
+        after = await self._one(f"{session.path}\n{texts.WHICH['after']}", session)
+        return ("compare", session.path, after.path) if after else None
+
+    async def _one(self, question: str, before: SessionFile | None = None) -> SessionFile | None:
+        """A session that can be read; after ``before`` the one that verifies it is proposed."""
+        listed = [session for session in self.recent if session != before]
+        rows: list[tuple[SessionFile | None, str]] = [(s, texts.session_label(s)) for s in listed]
+        proposed = follow_up(before, listed) if before else None
+        at = listed.index(proposed) if proposed else 0
+        words = question if listed else f"{question}\n{texts.NO_SESSIONS}"
+        elsewhere = SessionFile(Path(), texts.ELSEWHERE)
+        rows.append((elsewhere, texts.ELSEWHERE))
+        while session := await self.person.choice(words, rows, at):
+            if session is elsewhere:
+                path = await self.person.line(texts.WHICH_PATH, "path")
+                if not path:
+                    continue
+                session = look_at(Path(path).expanduser())
+            if not session.problem:
+                return session
+            words = f"{session.problem}\n\n{question}"
+        return None
+
+
+async def plan_to_go_on(person: Person, path: Path) -> Plan | None:
+    """That of an interrupted session, after asking for the ports on another computer.
+
+    Raises RecordError, UsageError, IndicatorError; None where the question is left.
+    """
+    from app.measuring.indicators import parse_indicator
+    from app.measuring.plan import PortsUnknown, plan_to_continue
+
+    typed: str | None = ""
+    while typed is not None:
+        try:
+            return plan_to_continue(path, tuple(map(parse_indicator, typed.split())))
+        except PortsUnknown as problem:
+            question = texts.PORTS_QUESTION.format(problem.thing)
+            typed = await person.line(question, texts.PORTS_HINT) or None
+    return None

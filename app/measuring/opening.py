@@ -9,8 +9,10 @@ from dataclasses import dataclass, field, replace
 from app.measuring.demo import SelfMovingBench, SimulatedBench
 from app.measuring.gauges import Gauge, Live, PushResult, SpindleCheck
 from app.measuring.indicators import (
+    adapter_before,
     asked_of,
     check_indicators,
+    indicator_words,
     port_is_gone,
     profile_of,
     propose_again,
@@ -114,10 +116,14 @@ class PlanCheck:
     spindles: SpindleCheck | None = None
     first: Step | None = None
 
-    def refuse(self, problem: GlidecalError) -> None:
-        """The indicators did not open."""
-        self.problem, instruments = problem, self.plan.instruments
-        self.gone = [k for k, each in enumerate(instruments) if port_is_gone(each.port)]
+    def open(self) -> Indicators | None:
+        """Open the indicators; None where they do not, with the ``problem``."""
+        try:
+            return open_indicators(self.plan)
+        except GlidecalError as problem:
+            ports = enumerate(instrument.port for instrument in self.plan.instruments)
+            self.gone, self.problem = [k for k, port in ports if port_is_gone(port)], problem
+        return None
 
     def find_spindles(self) -> None:
         """The indicators are open. Raises RecordError or UsageError where no step follows."""
@@ -125,10 +131,12 @@ class PlanCheck:
             self.first = first_step(self.plan)
             self.spindles = SpindleCheck(self.plan.instruments)
 
-    @property
-    def exchangeable(self) -> bool:
-        """Whether the spindle that moved is another one than was asked for."""
-        return self.spindles is not None and self.spindles.finding is PushResult.OTHER
+    def fits(self, what: str, *, opened: bool) -> bool:
+        """Whether to begin, try again, choose another port, or exchange both: another one moved."""
+        spindles, refused = self.spindles, self.problem is not None
+        moved = spindles is not None and spindles.finding is PushResult.OTHER
+        able = {"retry": refused, "port": refused and bool(self.gone), "exchange": moved}
+        return (able | {"begin": opened}).get(what, True)
 
     def exchange(self, indicators: Indicators) -> Indicators:
         """The spindle that moved is the one that was asked for: its port belongs there."""
@@ -143,9 +151,16 @@ class PlanCheck:
         ready, pushed = self.spindles.ready, self.spindles.look(states)
         return pushed or self.spindles.ready is not ready, pushed
 
-    def read_at(self, number: int, port: str) -> None:
-        """An indicator, counted from 0, is at another port."""
-        instruments = list(self.plan.instruments)
+    @property
+    def lost(self) -> tuple[str, str, list[str]]:
+        """The first indicator whose port has gone in words, its adapter, and the ports in use."""
+        number, instruments = self.gone[0], self.plan.instruments
+        name, adapter = indicator_words(number, instruments[number]), instruments[number].port
+        return name, adapter_before(adapter), [instrument.port for instrument in instruments]
+
+    def read_at(self, port: str) -> None:
+        """That indicator is at another port."""
+        number, instruments = self.gone[0], list(self.plan.instruments)
         instruments[number] = instruments[number].model_copy(update={"port": port})
         self.plan = replace(self.plan, instruments=tuple(instruments))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -13,6 +14,7 @@ from statistics import median
 from app.measuring.gauges import SLOTS, Live, Motion, Trace
 from calib.errors import UsageError
 from drivers.profile import Fault, FaultKind, IndicatorReading
+from protocols.machine import Instrument
 from protocols.procedure import Leg, Step
 from protocols.record import Record
 from protocols.session import (
@@ -177,6 +179,7 @@ class Playback:
         self._times_s = [frame.time_s for frame in self.frames]
         self._speed = SPEEDS.index(_first_speed(self._times_s))
         self.time_s = 0.0  # play time at ×1 since the first event
+        self._ticked_s = time.monotonic()
         self.go(0)
 
     @property
@@ -202,9 +205,10 @@ class Playback:
         return self._frame == len(self.frames) - 1
 
     @property
-    def gauge_count(self) -> int:
-        """How many panels the picture needs."""
-        return max((step.indicators.stop for step in self.steps), default=1)
+    def instruments(self) -> tuple[Instrument | None, ...]:
+        """One for each panel that the picture needs; None where the record names fewer."""
+        count = max((step.indicators.stop for step in self.steps), default=1)
+        return (*self.record.opened.instruments, None, None)[:count]
 
     def toggle(self) -> None:
         """Play or pause; at the end play from the start."""
@@ -233,6 +237,11 @@ class Playback:
         self._show(frame)
         self._playing = not self.at_end
         return True
+
+    def tick(self) -> bool:
+        """Let the time pass since the last tick, as `advance`."""
+        last_s, self._ticked_s = self._ticked_s, time.monotonic()
+        return self.advance(self._ticked_s - last_s)
 
     def step(self, by: int) -> None:
         """So many moments on; back where negative."""
@@ -312,11 +321,6 @@ class Playback:
         return self.at_end or self._frame == 0
 
     @property
-    def warning(self) -> str:
-        """What is wrong with the end of the record; empty for a closed one."""
-        return self.record.unfinished
-
-    @property
     def place(self) -> str:
         """Which step is shown, out of how many."""
         now = self.now
@@ -331,7 +335,7 @@ class Playback:
         live_values = [self._fault(axis) or self._live(axis, mounts.get(axis)) for axis in axes]
         waiting = Live(None, 0.0, Motion.WAITING)
         displays = [waiting] * (now.first if now else 0) + live_values
-        return displays + [waiting] * (self.gauge_count - len(displays))
+        return displays + [waiting] * (len(self.instruments) - len(displays))
 
     def _mounts(self, step: Step) -> dict[Leg, str]:
         """The present mounting of each axis; none where the stand is not at this step."""

@@ -11,8 +11,7 @@ from textual.containers import VerticalScroll
 from textual.widgets import Static
 
 from app.exit_codes import exit_code
-from app.measuring.indicators import adapter_before, indicator_words
-from app.measuring.opening import PlanCheck, open_indicators
+from app.measuring.opening import PlanCheck
 from app.measuring.plan import Plan
 from app.measuring.session import Indicators
 from app.report.text import motion, preparing
@@ -21,7 +20,6 @@ from app.screens.interface import MainScreen
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, is_left, once
 from app.screens.session_view import Gauges, port_dialog
-from calib.errors import GlidecalError
 
 REFRESH_S = 0.1
 
@@ -47,11 +45,8 @@ class CheckScreen(MainScreen[None]):
     def content(self) -> ComposeResult:
         words = Static(preparing.OPENING, id="words", markup=False)
         plan = self._check.plan
-        if plan.motion or plan.by_itself:  # every posture, to scroll through
-            with VerticalScroll(id="moves"):
-                yield words
-        else:
-            yield words
+        moves = plan.motion or plan.by_itself  # every posture, to scroll through
+        yield VerticalScroll(words, id="moves") if moves else words
         yield Static("", id="trial", markup=False)
         yield Gauges(plan.instruments)
 
@@ -62,30 +57,20 @@ class CheckScreen(MainScreen[None]):
     def _open(self) -> None:
         """To its end, be this screen left meanwhile: ports that are open then are closed again."""
         interface = self.app  # a screen that is gone has none
-        try:
-            indicators = open_indicators(self._check.plan)
-        except GlidecalError as problem:
-            interface.call_from_thread(self._refused, problem)
-        else:
-            interface.call_from_thread(self._opened, indicators)
+        interface.call_from_thread(self._opened, self._check.open())
 
-    def _refused(self, problem: GlidecalError) -> None:
-        if not is_left(self):
-            self._check.refuse(problem)
-            gone, instruments = self._check.gone, self._check.plan.instruments
-            self._say(preparing.refused_text(problem, instruments, gone))
-
-    def _opened(self, indicators: Indicators) -> None:
+    def _opened(self, indicators: Indicators | None) -> None:
         if is_left(self):
-            indicators.close()
-            return
-        self.app.indicators = indicators
-        mover, words = indicators.mover, preparing.check_text(self._check.plan)
-        of_machine = f"{motion.check_text(self._check.plan, mover)}\n\n" if mover else ""
-        self._say(f"{of_machine}{words}")
-        with self.app.complaining():
-            self._check.find_spindles()
-        self.set_interval(REFRESH_S, self._show_live)
+            if indicators is not None:
+                indicators.close()
+        elif indicators is None:
+            self._say(preparing.refused_text(self._check))
+        else:
+            self.app.indicators = indicators
+            self._say(motion.opened_text(self._check.plan, indicators.mover))
+            with self.app.complaining():
+                self._check.find_spindles()
+            self.set_interval(REFRESH_S, self._show_live)
 
     def _say(self, text: str, where: str = "#words") -> None:
         """In the words, or in ``#trial`` above the panels: nothing lies over them."""
@@ -105,13 +90,7 @@ class CheckScreen(MainScreen[None]):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Begin is offered once the indicators are open, another try where they did not open."""
-        fits = {
-            "retry": self._check.problem is not None,
-            "port": self._check.problem is not None and bool(self._check.gone),
-            "exchange": self._check.exchangeable,
-            "begin": self.app.indicators is not None,
-        }
-        return fits.get(action, True)
+        return self._check.fits(action, opened=self.app.indicators is not None)
 
     def action_exchange(self) -> None:
         if self._check.spindles and self.app.indicators:
@@ -126,14 +105,11 @@ class CheckScreen(MainScreen[None]):
     @once("port")
     async def action_port(self) -> None:
         """The first indicator whose port has gone is at another one: choose it, and try again."""
-        number, instruments = self._check.gone[0], self._check.plan.instruments
-        adapter = adapter_before(instruments[number].port)
-        used = [instrument.port for instrument in instruments]
-        dialog = port_dialog(indicator_words(number, instruments[number]), adapter, used)
+        dialog = port_dialog(*self._check.lost)
         if dialog is None:
             self._say(preparing.NO_OTHER_PORT_HERE, "#trial")
         elif port := await self.ask(dialog):
-            self._check.read_at(number, port)
+            self._check.read_at(port)
             self.query_one(Gauges).name_them(self._check.plan.instruments)
             self.action_retry()
 

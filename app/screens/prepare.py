@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import ClassVar
 
-from textual import on, work
+from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
@@ -24,7 +24,7 @@ from app.report.text.indicator import findings_text, trial_text
 from app.report.text.preparing import indicator_fields, prepared_texts
 from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.interface import MainScreen
-from app.screens.pages import apart
+from app.screens.pages import apart, once
 from protocols.documents import MOST_LETTERS
 
 
@@ -34,9 +34,8 @@ class FormScreen(MainScreen[ScreenResultType]):
     def content(self) -> ComposeResult:
         with VerticalScroll(id="form"):
             for field in self.fields():
-                with Horizontal(classes="field"):
-                    yield Label(field.label, markup=False)
-                    yield self.box(field)
+                label = Label(field.label, markup=False)
+                yield Horizontal(label, self.box(field), classes="field")
             yield Static("", id="summary", markup=False)
 
     @abstractmethod
@@ -115,14 +114,13 @@ class IndicatorScreen(FormScreen[Form]):
         else:
             self.dismiss({name: value for name, value in self._read().items() if value != ""})
 
-    def action_try_profiles(self) -> None:
+    @once("try")
+    async def action_try_profiles(self) -> None:
         """Ask the port as each profile does: the operator says that an indicator is there."""
-        if self._trial is None:
-            with self.app.complaining():
-                self._trial = ProfileTrial(self._read())
-                self._try(self._trial)
+        with self.app.complaining():
+            self._trial = ProfileTrial(self._read())
+            await self._try(self._trial)
 
-    @work
     async def _try(self, trial: ProfileTrial) -> None:
         def tell(*asked: object) -> None:
             words = f"{texts.TRYING}\n{trial_text(*asked)}"  # type: ignore[arg-type]

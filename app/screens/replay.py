@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
+import sys
 from pathlib import Path
 from typing import ClassVar
 
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.events import Resize
 from textual.widgets import Log
 
 from app.measuring.attended import TakenBy
@@ -22,8 +21,6 @@ from calib.errors import GlidecalError
 from protocols.record import read_record
 
 TICK_S = 0.1
-LAST = 1_000_000_000
-"""Frame to go to; there are never so many."""
 
 
 class ReplayScreen(MainScreen[None]):
@@ -40,7 +37,7 @@ class ReplayScreen(MainScreen[None]):
         Binding("up,plus", "playback('faster', 1)", "Faster", show=False, id="replay.faster"),
         Binding("down,minus", "playback('faster', -1)", "Slower", show=False, id="replay.slower"),
         Binding("home", "playback('go', 0)", "Start", show=False, id="replay.start"),
-        Binding("end", f"playback('go', {LAST})", "End", show=False, id="replay.end"),
+        Binding("end", f"playback('go', {sys.maxsize})", "End", show=False, id="replay.end"),
         Binding("j", "jump", "Jump", id="replay.jump"),
         Binding("t", "list", "Taken", id="replay.list"),
         Binding("pageup", "page(-1)", "List up", show=False, id="replay.list-up"),
@@ -55,14 +52,11 @@ class ReplayScreen(MainScreen[None]):
     def __init__(self, path: Path) -> None:
         super().__init__()
         self.path, self.playback = path, Playback(read_record(path))
-        instruments = self.playback.session.opened.instruments
-        self.view = SessionView((*instruments, None, None)[: self.playback.gauge_count])
-        self._listed: list[str] = []
-        self._looked_at_s = time.monotonic()
+        self.view = SessionView(self.playback.instruments)
 
     def compose(self) -> ComposeResult:
         yield self.view
-        listing = Log(id="taken", auto_scroll=True)
+        listing = Log(id="taken")
         listing.can_focus = False  # the arrow keys are the replay's
         yield listing
         yield from last_lines()
@@ -71,13 +65,11 @@ class ReplayScreen(MainScreen[None]):
         self._show()
         self.set_interval(TICK_S, self._tick)
 
-    def on_resize(self, event: Resize) -> None:
+    def on_resize(self) -> None:
         self._show_picture()
 
     def _tick(self) -> None:
-        now_s = time.monotonic()
-        elapsed_s, self._looked_at_s = now_s - self._looked_at_s, now_s
-        if self.playback.advance(elapsed_s):
+        if self.playback.tick():
             self._show()
         else:
             self.view.show_live(self.playback.live)
@@ -90,40 +82,26 @@ class ReplayScreen(MainScreen[None]):
 
     def _show_picture(self) -> None:
         playback = self.playback
-        self._show_progress()
+        self.view.show_progress(texts.progress_line(playback))
         self.view.show_step(playback.shown, playback.steps, playback.now, TakenBy.NOBODY)
         self.view.show_live(playback.live)
 
-    def _show_progress(self) -> None:
-        playback = self.playback
-        line = texts.progress_line(self.path.name, playback.place, playback.speed, playback.state)
-        self.view.show_progress(line)
-
     def _show_list(self) -> None:
         """The readings so far; what is shown already is only added to."""
-        if not self.has_class("listing"):
-            return
-        lines, listed = texts.reading_lines(self.playback.session), self._listed
-        listing = self.query_one("#taken", Log)
-        if lines[: len(listed)] != listed:
-            listed = []
-            listing.clear()
-        listing.write_lines(lines[len(listed) :])
-        self._listed = lines
+        if self.has_class("listing"):
+            lines, listing = texts.reading_lines(self.playback.session), self.query_one(Log)
+            if lines[: listing.line_count] != list(listing.lines):
+                listing.clear()
+            listing.write_lines(lines[listing.line_count :])
 
     def action_playback(self, what: str, *to: int) -> None:
         """Play or pause, step, play faster, or go to a frame, as the playback calls it."""
         getattr(self.playback, what)(*to)
         self._show()
 
-    def _pause(self) -> None:
-        """What is said next stays to be read."""
-        self.playback.pause()
-        self._show_progress()
-
     @work
     async def action_jump(self) -> None:
-        self._pause()
+        self.action_playback("pause")  # what is said next stays to be read
         question = texts.JUMP_QUESTION.format(self.playback.unit)
         dialog = TextDialog(question, f"1 … {len(self.playback.steps)}")
         if text := await self.ask(dialog):
@@ -141,7 +119,7 @@ class ReplayScreen(MainScreen[None]):
         self._show_list()
 
     def action_page(self, by: int) -> None:
-        listing = self.query_one("#taken", Log)
+        listing = self.query_one(Log)
         listing.scroll_relative(y=by * listing.scrollable_content_region.height, animate=False)
 
     def action_plot(self) -> None:
@@ -171,7 +149,7 @@ class ReplayScreen(MainScreen[None]):
     async def action_result(self) -> None:
         from app.screens.result import result_of
 
-        self._pause()
+        self.action_playback("pause")
         try:
             result = await apart(self, result_of, [self.path], verified=False)
             if self.is_current:

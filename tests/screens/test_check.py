@@ -107,7 +107,7 @@ async def test_ports_that_open_after_the_program_was_left_are_closed(
         assert exit_event.wait(20.0)
         return Indicators((), close_bench=closed.set)
 
-    monkeypatch.setattr("app.screens.check.open_indicators", slowly)
+    monkeypatch.setattr("app.measuring.opening.open_indicators", slowly)
     interface = Glidecal(CheckScreen(demo_plan(tmp_path, "zero-max-min", 1)))
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("f10")

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from app.measuring.moving import MoveProposal, Mover, feed_mm_min, limits_of, ways_of
 from app.measuring.plan import Plan
-from app.report.text.preparing import dry_run_text
+from app.report.text.preparing import check_text, dry_run_text
 from app.report.text.session import continue_command
 from app.report.text.tables import paragraphs, uncertain, wrapped
 from calib.errors import sentence
@@ -61,12 +61,15 @@ def _limits_text(plan: Plan, remarks: tuple[str, ...]) -> str:
     )
 
 
-def check_text(plan: Plan, mover: Mover) -> str:
+def opened_text(plan: Plan, mover: Mover | None) -> str:
     """The same on the screen, before the key that begins; the question is always in sight."""
+    if mover is None:
+        return check_text(plan)
     return paragraphs(
         f"{{check.begin}} begins; nothing moves yet. {QUESTION} Every posture is listed below.",
         _limits_text(plan, mover.facts),
         _postures_text(plan),
+        check_text(plan).splitlines(),
     )
 
 

@@ -12,6 +12,7 @@ from app.measuring.indicators import (
     profile_of,
     serial_ports,
 )
+from app.measuring.opening import PlanCheck
 from app.measuring.plan import Plan
 from app.measuring.preparation import AXES, USUAL, Form, Preparation
 from app.measuring.simulated import short_travels
@@ -198,16 +199,11 @@ def adapter_lines(instruments: Sequence[Instrument]) -> list[str]:
     ]
 
 
-def refused_text(
-    problem: GlidecalError,
-    instruments: Sequence[Instrument],
-    gone: Sequence[int],
-) -> str:
-    """Why the indicators did not open; for those whose port has ``gone`` where they are now."""
-    lines = adapter_lines(instruments)
-    choose = "{check.port} chooses another port, " if gone else ""
+def refused_text(check: PlanCheck) -> str:
+    """Why the indicators did not open; for those whose port has gone where they are now."""
+    choose = "{check.port} chooses another port, " if check.gone else ""
     again = f"{choose}{{check.retry}} tries again, {{check.back}} goes back."
-    return paragraphs([str(problem)], lines, [again])
+    return paragraphs([str(check.problem)], adapter_lines(check.plan.instruments), [again])
 
 
 def trial_text(trial: SpindleCheck, step: Step) -> str:

@@ -45,10 +45,11 @@ NUMBERS_SHOWN = 6
 HEADING = "   no  step  leg axis      at, mm  cycle  mount         value, mm"
 
 
-def progress_line(name: str, place: str, speed: int, state: str) -> str:
+def progress_line(playback: Playback) -> str:
     """Name, place, speed and state in one line."""
+    name = playback.record.path.name
     short = name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
-    return f"replay · {short}   {place} · ×{speed} · {state}"
+    return f"replay · {short}   {playback.place} · ×{playback.speed} · {playback.state}"
 
 
 def said_text(playback: Playback) -> str:
@@ -57,7 +58,8 @@ def said_text(playback: Playback) -> str:
     readings = [event for event in events if isinstance(event, Reading)]
     faults = [event for event in events if isinstance(event, Faulted)]
     text = _taken(readings) if readings else "; ".join(map(_event, faults or events[:1]))
-    return f"{text} {playback.warning}" if playback.warning and playback.at_either_end else text
+    unfinished = playback.record.unfinished
+    return f"{text} {unfinished}" if unfinished and playback.at_either_end else text
 
 
 def _event(event: Event) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -281,6 +282,26 @@ def test_a_torn_record_says_where_it_is_cut(samples: Path, tmp_path: Path) -> No
     assert warning not in said_text(playback)
     playback.go(len(playback.frames))
     assert said_text(playback).endswith(warning)
+
+
+def test_a_tick_lets_the_time_pass_that_passed(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, playback = SimpleNamespace(now_s=7.0), told()
+    monkeypatch.setattr(
+        "app.measuring.playback.time", SimpleNamespace(monotonic=lambda: clock.now_s)
+    )
+    playback.tick()
+    playback.toggle()
+    assert playback.tick() is False
+    clock.now_s += 1_000.0
+    assert playback.tick() is True
+    assert playback.time_s > 0.0
+
+
+def test_there_is_a_panel_for_each_indicator_that_the_steps_need(samples: Path) -> None:
+    playback = told()
+    assert playback.instruments == playback.record.opened.instruments
+    table = Playback(read_record(samples / "experiment_2_twelve.jsonl"))
+    assert [instrument and instrument.profile for instrument in table.instruments] == ["table"]
 
 
 def test_the_session_is_folded_once_a_place() -> None:

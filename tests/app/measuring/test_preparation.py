@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from app.measuring.indicators import remember
-from app.measuring.preparation import Preparation, ProfileTrial, retyped
+from app.measuring.preparation import Form, Preparation, ProfileTrial, retyped
 from app.report.text.preparing import indicator_fields, prepared_texts
 from app.settings import data_path
 from calib.errors import UsageError
@@ -87,7 +87,7 @@ def test_a_damaged_memory_and_a_machine_that_is_none_are_told() -> None:
 
 
 def test_another_profile_has_another_pattern_and_what_is_no_value_is_left_out() -> None:
-    form = {"profile": "ascii-line", "port": "/dev/ttyUSB0", "pattern": "(?P<mm>.+)"}
+    form: Form = {"profile": "ascii-line", "port": "/dev/ttyUSB0", "pattern": "(?P<mm>.+)"}
     typed = {"here": "/dev/ttyUSB3", "profile": "tesa", "port": "/dev/ttyUSB0", "axes": "xyz"}
     assert retyped(form, typed) == {"profile": "tesa", "port": "/dev/ttyUSB0"}
 

@@ -182,12 +182,11 @@ class PrepareScreen(FormScreen[None]):
     @on(ScreenResume)
     def summarise(self) -> None:
         """What the form says now; ports may have come or gone on, too."""
-        prepared, before = self._prepared, self._prepared.offered_for
+        procedures = self.query_one("#procedure", Select)  # first: a screen that goes has none
+        prepared, before, boxes = self._prepared, self._prepared.offered_for, self.boxes()
         prepared.retype(self.typed())
-        boxes = self.boxes()
         if prepared.offered_for != before:
-            rows = ((Content(name), name) for name in prepared.procedures)
-            self.query_one("#procedure", Select).set_options(rows)
+            procedures.set_options((Content(name), name) for name in prepared.procedures)
         for name, value in prepared.fields.items():
             boxes[name].value = value
         if prepared.forgotten:

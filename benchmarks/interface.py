@@ -30,11 +30,10 @@ from app.measuring.indicators import profile_of
 from app.measuring.opening import begin
 from app.measuring.plan import Plan
 from app.measuring.session import Indicators
-from app.screens.interface import Interface
+from app.screens.interface import Glidecal
 from app.screens.measure import MeasureScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import LegReviewScreen
-from app.screens.start import Glidecal
 from benchmarks.picture_delays import TICK_S, Blocked, Delays, Terminal, listening
 from drivers.profile import Query, Spindle
 from drivers.twins import IndicatorTwin, TwinPort, default_transport
@@ -173,7 +172,7 @@ async def take_every_step(pilot: Pilot[str], screen: MeasureScreen) -> None:
 
 
 async def operate(
-    interface: Interface, screen: MeasureScreen, machine: Machine, delays: Delays
+    interface: Glidecal, screen: MeasureScreen, machine: Machine, delays: Delays
 ) -> Figures:
     """Wait, take every step, see the result."""
     figures, blocked, closing = Figures(), Blocked(), Blocked()

@@ -27,11 +27,10 @@ from app.report.text.result import WORKING_OUT
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.hexaslide import HexaSlideScreen
-from app.screens.interface import ChoiceDialog, Interface
+from app.screens.interface import ChoiceDialog, Glidecal
 from app.screens.measure import MeasureScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen
-from app.screens.start import Glidecal
 from app.screens.what_if import WhatIfScreen
 from app.version import program
 from drivers.profile import IndicatorReading, Outcome
@@ -90,7 +89,7 @@ async def take_wrong(pilot: Pilot[str], screen: MeasureScreen) -> None:
     await pilot.pause(HELD_KEY_S)  # a key held down counts once
 
 
-async def measure(pilot: Pilot[str], interface: Interface, *, photographed: bool) -> None:
+async def measure(pilot: Pilot[str], interface: Glidecal, *, photographed: bool) -> None:
     """Every step of a session; on the way the pictures."""
     screen = await to_measuring(pilot, interface)
     reviewed = False

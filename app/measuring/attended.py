@@ -38,6 +38,7 @@ class Press(StrEnum):
     REPEATS = "a key that is held, or comes while readings are taken"
     ON_HOLD = "nothing is taken on hold"
     NOT_THERE = "the machine is not at the step"
+    LACKS_VALUE = "one indicator of the step is in fault, another moves"
     MOVES = "the readings move: the next press takes them"
 
 
@@ -71,9 +72,12 @@ class Attended:
 
     @property
     def taken_by(self) -> TakenBy:
-        """Who takes the present step."""
+        """Who takes the present step; a person where readings at rest cannot show the move."""
+        step = self.guided.step()
         if self.guided.mover is not None:
             return TakenBy.CONTROLLER
+        if step is not None and self._waits == (step.number, Movement.UNKNOWN):
+            return TakenBy.HAND
         return TakenBy.INDICATORS if self.automatic else TakenBy.HAND
 
     def watch(self) -> None:
@@ -124,6 +128,10 @@ class Attended:
         moving = (Motion.MOVING, Motion.WAITING)
         return all(live.motion not in moving for live in self._of_step(self.live()))
 
+    def lacks_value(self) -> bool:
+        """Whether an indicator of the step is in fault."""
+        return any(live.motion is Motion.FAULT for live in self._of_step(self.live()))
+
     def press(self, *, busy: bool) -> Press:
         """The key that takes was pressed, twice for readings that still move."""
         now, mover, step = time.monotonic(), self.guided.mover, self.guided.step()
@@ -138,8 +146,9 @@ class Attended:
             return Press.NOT_THERE
         if now < self._anyway_until or self.ready_by_hand():
             return Press.TAKES
-        self._anyway_until = now + ANYWAY_S
-        return Press.MOVES
+        lacks_value = self.lacks_value()
+        self._anyway_until = 0.0 if lacks_value else now + ANYWAY_S
+        return Press.LACKS_VALUE if lacks_value else Press.MOVES
 
     def waits_for_press(self) -> None:
         """A press of before leads to nothing any more."""

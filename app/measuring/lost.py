@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from threading import Lock
 
@@ -48,6 +48,11 @@ class LostIndicators:
         with self._looking:
             self._looked_s = time.monotonic()
             return [news for k, gauge in enumerate(self._gauges) if (news := self._news(k, gauge))]
+
+    def faults(self, numbers: Iterable[int]) -> list[LostNews]:
+        """Those of these indicators that are known to be lost, and give no value now either."""
+        outcomes = [(k, self._gauges[k].live().outcome) for k in numbers if k in self.ports]
+        return [LostNews(k, o, self.ports[k]) for k, o in outcomes if isinstance(o, Fault)]
 
     def _news(self, number: int, gauge: Gauge) -> LostNews | None:
         outcome = gauge.live().outcome

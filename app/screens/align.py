@@ -13,6 +13,7 @@ from app.measuring.aligning import Round, align_session
 from app.report.text import alignment as texts
 from app.report.text.session import progress_text
 from app.screens.corrections import Corrections
+from app.screens.interface import screen_of
 from app.screens.pages import last_lines, signalled
 from app.screens.session_view import Gauges
 from calib.errors import GlidecalError
@@ -137,7 +138,7 @@ class AlignScreen(Corrections):
         elif self.guided.step() is None:
             self.say(texts.NOTHING_MOVED)
         else:
-            self.app.go_to(self.app.measuring(self.guided, self.plan))
+            self.app.go_to(screen_of("measuring", self.guided, self.plan))
 
     def action_finish(self) -> None:
         if self.guided.step() is not None:

@@ -15,11 +15,12 @@ from app.measuring.opening import PlanCheck
 from app.measuring.plan import Plan
 from app.measuring.session import Indicators
 from app.report.text import motion, preparing
+from app.report.text.correcting import other_port
 from app.report.text.home import CHECK_HELP, DRY_RUN_HELP
-from app.screens.interface import MainScreen
+from app.screens.interface import MainScreen, screen_of
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, is_left, once
-from app.screens.session_view import Gauges, port_dialog
+from app.screens.session_view import Gauges
 
 REFRESH_S = 0.1
 
@@ -105,10 +106,7 @@ class CheckScreen(MainScreen[None]):
     @once("port")
     async def action_port(self) -> None:
         """The first indicator whose port has gone is at another one: choose it, and try again."""
-        dialog = port_dialog(*self._check.lost)
-        if dialog is None:
-            self._say(preparing.NO_OTHER_PORT_HERE, "#trial")
-        elif port := await self.ask(dialog):
+        if port := await other_port(self, *self._check.lost, preparing.NO_OTHER_PORT_HERE):
             self._check.read_at(port)
             self.query_one(Gauges).name_them(self._check.plan.instruments)
             self.action_retry()
@@ -119,7 +117,7 @@ class CheckScreen(MainScreen[None]):
         with self.app.complaining():
             guided = self._check.begin(self.app.indicators)
             self.app.indicators, self.app.guided = None, guided
-            self.app.go_to(self.app.measuring(guided, self._check.plan))
+            self.app.go_to(screen_of("measuring", guided, self._check.plan))
             self._check.remark(guided)
 
     async def action_back(self) -> None:

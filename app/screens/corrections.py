@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from typing import ClassVar, TypeVar
 
 from textual import work
@@ -17,9 +16,9 @@ from app.measuring.attended import Attended
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
 from app.report.text import questions
-from app.report.text import session as texts
 from app.report.text.alignment import adjusted_words
-from app.screens.interface import ChoiceDialog, MainScreen, TextDialog
+from app.report.text.correcting import Correcting
+from app.screens.interface import MainScreen, screen_of
 from calib.errors import GlidecalError
 
 Answer = TypeVar("Answer")
@@ -36,6 +35,7 @@ class Corrections(MainScreen[None]):
         super().__init__()
         self.guided, self.plan = guided, plan
         self.attended = Attended(guided)
+        self.correcting = Correcting(self, guided)
         self.busy = self.asking = False
 
     @abstractmethod
@@ -65,7 +65,7 @@ class Corrections(MainScreen[None]):
 
     async def agreed(self, question: str, choices: Sequence[tuple[str, str]]) -> bool:
         """Ask no or yes, in this order of the choices."""
-        return await self.ask(ChoiceDialog(question, choices)) == choices[1][0]
+        return await self.choice(question, choices) == choices[1][0]
 
     @contextmanager
     def writing(self) -> Iterator[None]:
@@ -89,91 +89,23 @@ class Corrections(MainScreen[None]):
             self.app.notify(adjusted_words(self.guided.session.adjusted))
 
     def _result(self) -> Screen[None]:
-        from app.screens.result import ResultScreen
-
         self.guided.finish()
-        return ResultScreen(solve_files([self.guided.path]), self.plan, self.guided.path)
+        path = self.guided.path
+        return screen_of("result", solve_files([path]), self.plan, path)
+
+    def action_correct(self, what: str) -> None:
+        """Repeat, take back, skip or set up anew, as `Correcting` calls it."""
+        if what in ("undo", "earlier"):
+            self.attended.automatic = False
+        if not self.busy:
+            self.converse(getattr(self.correcting, what))
 
     @work
-    async def action_undo(self) -> None:
-        """Measure the last step again; its readings stay in the record, superseded.
-
-        Asks as B does where the stand has left it: then more than this step is measured again.
-        """
-        self.attended.automatic = False
-        last = self.guided.last_step
-        if self.busy or last is None:
-            return
-        if len(self.guided.steps_repeated_with(last)) > 1:
-            await self._bring_back(last)
-        else:
-            with self.writing():
-                self.say(questions.next_again_text(self.guided.undo()))
-                self.proceed()
-
-    @work
-    async def action_earlier(self) -> None:
-        """Choose any earlier step: measure it again, or let superseded readings count again."""
-        self.attended.automatic = False
-        points = self.guided.begun_steps()
-        if self.busy or not points:
-            return
-        choices = [(step.number, texts.point_text(step, self.guided.session)) for step in points]
-        step = await self.ask(ChoiceDialog(questions.WHICH_STEP, choices, len(choices) - 1))
-        if step is not None:
-            await self._bring_back(step)
-
-    async def _bring_back(self, step: int) -> None:
-        session = self.guided.session
-        if any(r.step == step for r in session.readings) or step in session.skipped:
-            gone = len(self.guided.steps_repeated_with(step))
-            question = questions.again_question(step, step in session.skipped, gone)
-            repeat = partial(self.guided.repeat, step)
-            await self._with_reason(question, repeat, f"Step {step} is measured again: {{}}")
-            return
-        question = questions.RESTORE_QUESTION.format(step, self.guided.why_superseded(step))
-        if await self.agreed(question, questions.RESTORE_CHOICES):
-            with self.writing():
-                counts = self.guided.restore(step, "restored by the operator")
-                self.say(questions.RESTORED[counts].format(step))
-                self.proceed()
-
-    async def _with_reason(
-        self, question: str, writing: Callable[[str], object], words: str
-    ) -> None:
-        """Ask for a reason and write it, then say so; without one nothing changes."""
-        as_before = questions.as_before_words(self.guided.step())
-        reason = await self.ask(TextDialog(question, "reason", without=as_before))
-        if not reason:
-            self.say(as_before.capitalize())
-            return
+    async def converse(self, correction: Callable[[], Awaitable[bool]]) -> None:
+        """Ask, and go to the present step where anything is another now."""
         with self.writing():
-            writing(reason)
-            self.say(words.format(reason))
-            self.proceed()
-
-    @work
-    async def action_skip(self) -> None:
-        step = self.guided.step()
-        if step is None or self.busy:
-            return
-        steps = [s.number for s in self.guided.rest_of_place()]
-        choices = questions.skip_choices(step, steps)
-        numbers = await self.ask(ChoiceDialog(questions.WHAT_TO_SKIP, choices))
-        if numbers:
-            skipped = self.app.keyed(questions.SKIPPED)
-            skip = partial(self.guided.skip, numbers)
-            await self._with_reason(questions.WHY_SKIP, skip, skipped)
-
-    @work
-    async def action_remount(self) -> None:
-        """The stand was moved: later readings have a new zero. Asks first."""
-        if self.busy or not await self.agreed(questions.MOVED_QUESTION, questions.MOVED_CHOICES):
-            return
-        with self.writing():
-            self.guided.remount()
-            self.say(questions.MOVED)
-            self.proceed()
+            if await correction():
+                self.proceed()
 
     @work
     async def action_leave(self) -> None:
@@ -185,7 +117,7 @@ class Corrections(MainScreen[None]):
 
     @work
     async def action_note(self) -> None:
-        if text := await self.ask(TextDialog("Note for the record.", "what happened")):
+        if text := await self.line("Note for the record.", "what happened"):
             with self.writing():
                 self.guided.note(text)
                 self.say(f"Noted: {text}")

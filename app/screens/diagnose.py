@@ -19,7 +19,7 @@ from app.evaluating.diagnosis import (
 )
 from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
-from app.screens.interface import ChoiceDialog, TextDialog
+from app.screens.interface import screen_of
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, once
 from app.screens.what_if import tried
@@ -101,7 +101,7 @@ class DiagnoseScreen(PagedScreen[None]):
         diagnosed = self.diagnosed
         if diagnosed is not None:
             choices = texts.adopt_choices(diagnosed)
-            answer = await self.ask(ChoiceDialog(texts.WHAT_TO_ADOPT, choices))
+            answer = await self.choice(texts.WHAT_TO_ADOPT, choices)
             if answer == texts.CORRECT:
                 await self._correct(diagnosed)
             elif answer:
@@ -128,7 +128,7 @@ class DiagnoseScreen(PagedScreen[None]):
     async def _correct(self, diagnosed: SessionDiagnosis) -> None:
         source = self.paths[0]
         proposed = unused_path(source.with_name(f"{source.stem}_corrected.jsonl"))
-        target = await self.ask(TextDialog(texts.WHICH_SESSION, "path", str(proposed)))
+        target = await self.line(texts.WHICH_SESSION, "path", proposed=str(proposed))
         if target:
             with self.app.complaining():
                 path = Path(target).expanduser()
@@ -142,7 +142,7 @@ class DiagnoseScreen(PagedScreen[None]):
     ) -> None:
         first = self.paths[0]
         proposed = self.model or unused_path(first.with_name(f"{first.stem}_model.json"))
-        target = await self.ask(TextDialog(texts.WHICH_FILE, "path", str(proposed)))
+        target = await self.line(texts.WHICH_FILE, "path", proposed=str(proposed))
         if not target:
             return
         path, candidate = Path(target).expanduser(), None if answer == "named" else answer
@@ -178,8 +178,6 @@ class DiagnoseScreen(PagedScreen[None]):
     @once("result")
     async def action_result(self) -> None:
         """What these sessions give, with the adopted effects where there are any."""
-        from app.screens.result import result_of
-
-        job = partial(result_of, self.paths, self.model, verified=not self.app.read_only)
+        job = partial(screen_of, "solved", self.paths, self.model, verified=not self.app.read_only)
         with self.app.complaining():
             self.app.push_screen(await apart(self, job))

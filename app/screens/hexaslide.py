@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import replace
-from pathlib import Path
 from typing import ClassVar
 
 from textual import work
 from textual.binding import Binding, BindingType
 
-from app.planning.hexaslide import Request, better_and_better, hexaslide_planning, measuring
+from app.planning.hexaslide import Request, better_and_better, hexaslide_planning
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from app.report.text import hexaslide as texts
-from app.screens.interface import ChoiceDialog, TextDialog
+from app.report.text.hexaslide import asked_count, asked_request
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, once
-from calib.hexaslide.planning import KINDS, HexaSlideSeen, look_at
+from calib.hexaslide.planning import HexaSlideSeen, look_at
 from calib.hexaslide.procedures import ProcedureKind
 from calib.hexaslide.search import BestPostures
-
-MOST_POSTURES = 200
 
 
 class HexaSlideScreen(PagedScreen[None]):
@@ -28,11 +24,11 @@ class HexaSlideScreen(PagedScreen[None]):
 
     HELP = texts.HEXASLIDE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("p", "procedure", "Procedure", id="hexaslide.procedure"),
+        Binding("p", "ask('procedure')", "Procedure", id="hexaslide.procedure"),
         Binding("o", "search", "Optimum", id="hexaslide.search"),
         Binding("c", "count", "Count", id="hexaslide.count"),
-        Binding("m", "measured", "Measured", id="hexaslide.measured"),
-        Binding("f", "machine", "File", id="hexaslide.machine"),
+        Binding("m", "ask('measured')", "Measured", id="hexaslide.measured"),
+        Binding("f", "ask('machine')", "File", id="hexaslide.machine"),
         Binding("plus", "draw(1)", "Next posture", show=False, id="hexaslide.next_posture"),
         Binding("minus", "draw(-1)", "Posture before", show=False, id="hexaslide.posture_before"),
     ]
@@ -98,37 +94,17 @@ class HexaSlideScreen(PagedScreen[None]):
         self.put("sees", None, *pair)
 
     @once("ask")
-    async def action_procedure(self) -> None:
-        kinds = [(kind, f"{kind}: {texts.PROCEDURE_WORDS[kind]}") for kind in KINDS]
-        kind = await self.ask(ChoiceDialog(texts.WHICH_PROCEDURE, kinds))
-        if kind is not None:
-            self._look(replace(self.request, procedure=kind, measured=(), known=None))
-
-    @once("ask")
-    async def action_measured(self) -> None:
-        proposed = ",".join(self.request.measured or ("x", "y", "z", "theta"))
-        text = await self.ask(TextDialog(texts.WHICH_COMPONENTS, "x,y,z,theta", proposed))
-        if text:
-            self._look(measuring(self.request, text))
-
-    @once("ask")
-    async def action_machine(self) -> None:
-        """Another machine file; an empty line is the example H60."""
-        now = str(self.request.machine_file or "")
-        text = await self.ask(TextDialog(texts.WHICH_MACHINE, "path", now))
-        if text is not None and text != now:
-            path = Path(text).expanduser() if text else None
-            self._look(replace(self.request, machine_file=path))
+    async def action_ask(self, what: str) -> None:
+        """Another procedure, other components or another machine."""
+        if request := await asked_request(self, what, self.request):
+            self._look(request)
 
     @once("ask")
     async def action_count(self) -> None:
         assert self.view is not None, "offered with it alone"
-        fewest, now = self.view.fewest, str(self._count)
-        text = await self.ask(TextDialog(texts.count_question(fewest), "number", now))
-        if text and text.isdecimal() and fewest <= int(text) <= MOST_POSTURES:
-            self._begin_anew(int(text))
-        elif text:
-            self.app.complain(texts.count_problem(text, fewest, MOST_POSTURES))
+        with self.app.complaining():
+            if count := await asked_count(self, self.view.fewest, self._count):
+                self._begin_anew(count)
 
     def _begin_anew(self, count: int, *, searching: bool = False) -> None:
         """So many postures are searched for; what was found before is gone."""

@@ -14,7 +14,6 @@ from app.exports.hexaslide import write_calibrated
 from app.report.charts.hexaslide import drawn_machine, left_with, residual_charts
 from app.report.text import hexaslide_result as texts
 from app.report.text import hexaslide_what_if as what_if_texts
-from app.screens.interface import ChoiceDialog
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, once
 from app.screens.what_if import SIZE_KEYS, SizesScreen
@@ -85,7 +84,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
             causes = await apart(self, causes_to_try, self.result.solved.source)
             words = what_if_texts.cause_words
             listed = [(name, words(name, weight)) for name, weight in causes.likely.items()]
-            name = await self.ask(ChoiceDialog(what_if_texts.WHICH, listed))
+            name = await self.choice(what_if_texts.WHICH, listed)
             if name is not None:
                 await self.ask(PostureWhatIfScreen(self.path, causes, name))
 
@@ -102,7 +101,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
     @once("write")
     async def action_report(self) -> None:
         choices = [(ending, f"{self.path.with_suffix(ending).name}") for ending in texts.ENDINGS]
-        ending = await self.ask(ChoiceDialog(texts.WHICH_REPORT, choices))
+        ending = await self.choice(texts.WHICH_REPORT, choices)
         if ending is None:
             return
         with self.app.complaining(), extra("the report", "report"):

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from textual.app import ComposeResult
 from textual.screen import Screen
@@ -19,11 +19,8 @@ from app.measuring import recorded
 from app.report.text import home as texts
 from app.report.text.errand import SessionChoice, plan_to_go_on
 from app.screens import Look, look_of
-from app.screens.interface import Answer, ChoiceDialog, MainScreen, TextDialog
+from app.screens.interface import MainScreen, screen_of
 from app.screens.pages import apart, once
-
-if TYPE_CHECKING:
-    from app.screens.result import ResultScreen
 
 Shown = TypeVar("Shown", bound=Screen[Any])
 
@@ -78,14 +75,6 @@ class HomeScreen(MainScreen[None]):
                 await self._do(*errand)
         self.query_one("#question", Static).update(self.question())
 
-    async def choice(
-        self, question: str, answers: Sequence[tuple[Answer, str]], at: int = 0
-    ) -> Answer | None:
-        return await self.ask(ChoiceDialog(question, answers, at))
-
-    async def line(self, question: str, hint: str) -> str | None:
-        return await self.ask(TextDialog(question, hint))
-
     async def _do(self, what: str, path: Path, after: Path | None) -> None:
         if after is not None:
             await self._computed(partial(_comparison, path, after))
@@ -93,11 +82,11 @@ class HomeScreen(MainScreen[None]):
             self.app.push_screen(look.opened(path, what))
         elif what == "continue":
             if plan := await plan_to_go_on(self, path):
-                self.app.push_screen(self.app.check(plan))
+                self.app.push_screen(screen_of("check", plan))
         elif what == "replay":
             self.app.push_screen(replay_screen(path, ()))
         elif what == "diagnose":
-            self.app.push_screen(self.app.diagnosis([path]))
+            self.app.push_screen(screen_of("diagnosis", [path]))
         else:
             result = await self._computed(partial(_result, path, self.app.read_only))
             for warning in result.solved.warnings:
@@ -114,41 +103,35 @@ class HomeScreen(MainScreen[None]):
 
     def _form(self) -> Screen[None]:
         """The form that was left, as it was left."""
-        from app.screens.prepare import PrepareScreen
-
         form = self.app.form
         if form is None or form in self.app.screen_stack:  # there a session began with it
-            form = self.app.form = PrepareScreen()
+            form = self.app.form = screen_of("preparation")
             self.app.install_screen(form, f"form {id(form)}")  # it stays when it is left
         return form
 
     def _demonstration(self) -> Screen[None]:
         from app.measuring.demo import watched_plan
 
-        return self.app.check(watched_plan(recorded.DEMO_FOLDER))
+        return screen_of("check", watched_plan(recorded.DEMO_FOLDER))
 
 
-def _result(path: Path, read_only: bool) -> ResultScreen:
-    from app.screens.result import result_of
-
-    screen = result_of([path], verified=not read_only)
+def _result(path: Path, read_only: bool) -> Any:  # noqa: ANN401 (a `ResultScreen`, not loaded yet)
+    screen: Any = screen_of("solved", [path], verified=not read_only)
     screen.solved.work_out()
     return screen
 
 
 def _comparison(before: Path, after: Path) -> Screen[None]:
     from app.evaluating.comparison import compare_files
-    from app.screens.history import CompareScreen
 
-    return CompareScreen(compare_files(before, after))
+    return screen_of("comparison", compare_files(before, after))
 
 
 def _history(folder: Path, looks: Sequence[Look]) -> Screen[None]:
     from app.evaluating.history import PART_S, read_history
-    from app.screens.history import HistoryScreen
 
     job = partial(read_history, folder, of_postures=looks, within_s=PART_S)
-    return HistoryScreen(job(), job)
+    return screen_of("history", job(), job)
 
 
 class ReplayChoiceScreen(HomeScreen):
@@ -172,8 +155,5 @@ class ReplayChoiceScreen(HomeScreen):
 
 def replay_screen(path: Path, looks: Iterable[Look]) -> Screen[None]:
     """A session played once more; one with its own form is looked at. Raises RecordError."""
-    if look := look_of(path, looks):
-        return look.opened(path, "replay")
-    from app.screens.replay import ReplayScreen
-
-    return ReplayScreen(path)
+    look = look_of(path, looks)
+    return look.opened(path, "replay") if look else screen_of("replay", path)

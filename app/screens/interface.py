@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
@@ -44,7 +44,6 @@ from protocols.files import FilesThere, unused_path
 
 if TYPE_CHECKING:
     from app.measuring.moving import Mover
-    from app.measuring.plan import Plan
     from app.measuring.session import GuidedSession, Indicators
 
 Answer = TypeVar("Answer")
@@ -53,7 +52,7 @@ Answer = TypeVar("Answer")
 class MainScreen(LeftOnce[ScreenResultType]):
     """A screen that is no dialog: what its keys can do, what happened last, questions over it."""
 
-    app: Interface
+    app: Glidecal
     heading = ""
 
     def compose(self) -> ComposeResult:
@@ -85,11 +84,23 @@ class MainScreen(LeftOnce[ScreenResultType]):
         waiting = self.app.push_screen_wait(dialog)
         return await waiting
 
+    async def choice(
+        self, question: str, answers: Sequence[tuple[Answer, str]], at: int = 0
+    ) -> Answer | None:
+        """One of these answers, each with its words."""
+        return await self.ask(ChoiceDialog(question, answers, at))
+
+    async def line(
+        self, question: str, hint: str, without: str = "", proposed: str = ""
+    ) -> str | None:
+        """What is typed; ``without`` says what happens without it."""
+        return await self.ask(TextDialog(question, hint, proposed, without))
+
 
 class Dialog(ModalScreen[ScreenResultType], LeftOnce[ScreenResultType]):
     """A dialog that goes once."""
 
-    app: Interface
+    app: Glidecal
 
 
 class TextDialog(Dialog[str | None]):
@@ -213,12 +224,31 @@ class PrintableRows(LineFilter):
 PRINTABLE_ROWS = PrintableRows()
 
 
-class Interface(App[str]):
-    """Screens over one session at a time. The result of `run` is a line for after the end.
+SCREENS = {
+    "align": "align.AlignScreen",
+    "check": "check.CheckScreen",
+    "comparison": "history.CompareScreen",
+    "diagnosis": "diagnose.DiagnoseScreen",
+    "history": "history.HistoryScreen",
+    "home": "home.HomeScreen",
+    "measuring": "measure.MeasureScreen",
+    "preparation": "prepare.PrepareScreen",
+    "replay": "replay.ReplayScreen",
+    "result": "result.ResultScreen",
+    "solved": "result.result_of",
+}
+"""To which screens others lead; each is loaded when it is asked for."""
 
-    Which screens lead to others `Glidecal` in `app.screens.start` knows: else they would import
-    each other.
-    """
+
+def screen_of(name: str, *given: object, **named: object) -> Screen[Any]:
+    """One of `SCREENS`, of what is given to its class."""
+    module, _, kind = SCREENS[name].partition(".")
+    made: Screen[Any] = getattr(import_module(f"app.screens.{module}"), kind)(*given, **named)
+    return made
+
+
+class Glidecal(App[str]):
+    """Screens over one session at a time. The result of `run` is a line for after the end."""
 
     TITLE = "glidecal"
     CSS_PATH = "glidecal.tcss"
@@ -260,6 +290,11 @@ class Interface(App[str]):
             self.theme = self._settings.theme
         self.set_keymap(self._settings.keys)
         self.push_screen(self._first)
+
+    def on_ready(self) -> None:
+        """Load what the next screens need, once the first picture is there."""
+        for name in ("prepare", "measure"):
+            self.call_after_refresh(import_module, f"app.screens.{name}")
 
     async def on_event(self, event: Event) -> None:
         """Input that comes when the last screen is gone is nobody's; some of it stops a machine."""
@@ -451,11 +486,11 @@ class Interface(App[str]):
         if len(self.screen_stack) > 2:  # Textual's blank one is the first
             self.pop_screen()
         elif not self.read_only:
-            self.go_to(self.home())
+            self.go_to(screen_of("home"))
 
     async def pause_session(self) -> None:
         text = await self._leave()
-        self.go_to(self.home())
+        self.go_to(screen_of("home"))
         self.notify(text)
 
     async def action_interrupt(self) -> None:
@@ -488,18 +523,6 @@ class Interface(App[str]):
         if indicators is not None:
             await asyncio.to_thread(indicators.close)
         return ""
-
-    @abstractmethod
-    def home(self) -> Screen[None]: ...
-
-    @abstractmethod
-    def check(self, plan: Plan) -> Screen[None]: ...
-
-    @abstractmethod
-    def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]: ...
-
-    @abstractmethod
-    def diagnosis(self, paths: list[Path]) -> Screen[None]: ...
 
     def go_to(self, screen: Screen[Any]) -> None:
         """Replace the present screen; what was asked over it goes with it."""

@@ -22,10 +22,9 @@ from app.measuring.session import GuidedSession
 from app.report.text import motion, questions
 from app.report.text import session as texts
 from app.screens.corrections import Corrections
-from app.screens.interface import ChoiceDialog
+from app.screens.interface import ChoiceDialog, screen_of
 from app.screens.pages import KeyLine, Resting, apart, is_left
-from app.screens.session_view import LegReviewScreen, MotionDialog, SessionView, port_dialog
-from calib.errors import GlidecalError
+from app.screens.session_view import LegReviewScreen, MotionDialog, SessionView
 from drivers.motion.states import State
 from protocols.clock import SleepWatch
 from protocols.expectation import Movement
@@ -49,12 +48,12 @@ class MeasureScreen(Corrections, Resting):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="measure.take"),
         Binding("enter", "take", "Take", show=False, id="measure.take-too"),
-        Binding("u", "undo", "Repeat", id="measure.repeat"),
-        Binding("b", "earlier", "Back", id="measure.earlier"),
-        Binding("s", "skip", "Skip", id="measure.skip"),
+        Binding("u", "correct('undo')", "Repeat", id="measure.repeat"),
+        Binding("b", "correct('earlier')", "Back", id="measure.earlier"),
+        Binding("s", "correct('skip')", "Skip", id="measure.skip"),
         Binding("a", "automatic", "Auto", id="measure.automatic"),
         Binding("p", "hold", "Hold", id="measure.hold"),
-        Binding("m", "remount", "Moved", id="measure.remount"),
+        Binding("m", "correct('remount')", "Moved", id="measure.remount"),
         Binding("n", "note", "Note", id="measure.note"),
         Binding("w", "where", "Where", show=False, id="measure.where"),
         Binding("v", "plot", "View", show=False, id="measure.plot"),
@@ -76,8 +75,14 @@ class MeasureScreen(Corrections, Resting):
         yield KeysInForce()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """G is for a machine that a controller moves, and takes by itself there; A for the rest."""
-        moves_itself = self.guided.mover is not None
+        """G is for a machine that a controller moves, and takes by itself there; A for the rest.
+
+        While it may move every key stops it: none is offered for anything else.
+        """
+        mover = self.guided.mover
+        moves_itself = mover is not None
+        if mover is not None and mover.line.may_move and action != "plot":
+            return False
         return {"go": moves_itself, "automatic": not moves_itself}.get(action, True)
 
     def on_mount(self) -> None:
@@ -152,6 +157,7 @@ class MeasureScreen(Corrections, Resting):
         elif (moved := self.attended.by_itself(states)) is Movement.SEEN:
             self._begin_take()
         elif moved and step:
+            self._show_step()  # who takes it has changed
             self.say(texts.automatic_waits_text(moved, step, self.guided.session))
 
     @work
@@ -176,24 +182,11 @@ class MeasureScreen(Corrections, Resting):
         """The first indicator that is lost is read at another port from here on."""
         if self.busy or self.asking:
             return
-        if not self.lost.ports:
-            self.say(questions.NO_PORT_LOST)
-            return
-        number, gauges = min(self.lost.ports), self.guided.gauges
-        name, used = self.guided.name_of(number), [gauge.port for gauge in gauges]
-        dialog = port_dialog(name, gauges[number].adapter, used)
-        if dialog is None:
-            self.say(questions.NO_OTHER_PORT)
-        elif (port := await self.ask(dialog)) is not None:
-            try:
-                await apart(self, self.guided.go_on_at, number, port)
-            except GlidecalError as problem:
-                self.say(f"FAULT: {problem}")
-                return
-            instruments = self.view.rename(number, port)
+        if at := await self.correcting.port(self.lost):
+            instruments = self.view.rename(*at)
             self._show_step()
             await apart(self, propose_again, self.plan.machine, instruments)
-            self.say(f"{self.guided.name_of(number).capitalize()} is read from here on.")
+            self.say(f"{self.guided.name_of(at[0]).capitalize()} is read from here on.")
 
     def _tell_motion(self) -> bool:
         """One line when a machine that moves itself does something else; a stop is a hold.
@@ -203,23 +196,17 @@ class MeasureScreen(Corrections, Resting):
         mover, step = self.guided.mover, self.guided.step()
         if not self.attended.motion_changed() or mover is None or step is None:
             return False
+        self.refresh_bindings()
         self.say(motion.moving_text(mover, step))
         if mover.state is State.STOPPED or mover.interrupted:
             self._set_hold(True, f"the machine stopped: {mover.why}")
         if mover.interrupted:
             self._ask_what_happened(mover)
         elif mover.unproved and mover.unproved.question:
-            self._ask_what_moved(mover.unproved.question)
+            self.converse(self.correcting.proof)
         else:
             return False
         return True
-
-    @work
-    async def _ask_what_moved(self, question: str) -> None:
-        answer = await self.ask(ChoiceDialog(question, motion.SAW_CHOICES))
-        if answer is not None:
-            with self.writing():
-                self.guided.answer_proof(yes=answer == "yes")
 
     @work
     async def _ask_what_happened(self, mover: Mover) -> None:
@@ -295,7 +282,11 @@ class MeasureScreen(Corrections, Resting):
 
     def say(self, text: str, *, wrong: bool = False) -> None:
         goes_on = "{measure.hold}" if self.guided.mover is None else "{measure.go}"
-        self.view.say(self.app.keyed(text.replace("{goes_on}", goes_on)))
+        step = self.guided.step()
+        faults = self.lost.faults(step.indicators if step else ())
+        words = [questions.lost_text(self.guided.name_of(f.number), f) for f in faults]
+        line = questions.lost_line(text, words)
+        self.view.say(self.app.keyed(line.replace("{goes_on}", goes_on)))
 
     def action_automatic(self) -> None:
         """Take by itself whenever all indicators stand still."""
@@ -322,25 +313,15 @@ class MeasureScreen(Corrections, Resting):
         if mover.interrupted:
             self._ask_what_happened(mover)
         elif mover.line.needs_homing_confirmed:
-            self._ask_whether_homed(mover)
+            self.converse(self.correcting.homing)
         elif mover.unproved and mover.unproved.question:
-            self._ask_what_moved(mover.unproved.question)
+            self.converse(self.correcting.proof)
         elif mover.consent():
             self.attended.on_hold = False
             self.attended.take_by_itself(True)
             self._show_step()
         else:
             self.say(motion.no_consent_text(mover))
-
-    @work
-    async def _ask_whether_homed(self, mover: Mover) -> None:
-        answer = await self.ask(ChoiceDialog(motion.HOMED_QUESTION, motion.HOMED_CHOICES))
-        if answer == "homed":
-            mover.confirm_homed()
-        elif answer == "home":
-            mover.home()
-        with self.writing():
-            self.guided.note(f"homing: {answer or 'not answered'}")
 
     def action_plot(self) -> None:
         self.view.turn_page()
@@ -353,9 +334,7 @@ class MeasureScreen(Corrections, Resting):
 
     def _begin_finish(self) -> None:
         if self.plan.reference and not self.guided.closed:
-            from app.screens.align import AlignScreen
-
-            self.app.go_to(AlignScreen(self.guided, self.plan))
+            self.app.go_to(screen_of("align", self.guided, self.plan))
         elif not self.busy:
             self.busy = True
             self.say(texts.COMPUTING)

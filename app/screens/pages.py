@@ -154,8 +154,10 @@ class Resting(Widget):
         The parent tells the screen, once for all of its children.
         """
         parent = self.parent
+        rows = min(rows, self.size.height - first)  # there may be less room than words
         if (
             not isinstance(parent, Widget)
+            or rows <= 0
             or self._rows is None
             or self._rows[0].size != self.outer_size  # it has another size now, or is cut
         ):

@@ -14,7 +14,7 @@ from textual.widgets import Log
 from app.measuring.attended import TakenBy
 from app.measuring.playback import Playback
 from app.report.text import replay as texts
-from app.screens.interface import MainScreen, TextDialog
+from app.screens.interface import MainScreen, screen_of
 from app.screens.pages import apart, last_lines, once
 from app.screens.session_view import SessionView
 from calib.errors import GlidecalError
@@ -103,8 +103,7 @@ class ReplayScreen(MainScreen[None]):
     async def action_jump(self) -> None:
         self.action_playback("pause")  # what is said next stays to be read
         question = texts.JUMP_QUESTION.format(self.playback.unit)
-        dialog = TextDialog(question, f"1 … {len(self.playback.steps)}")
-        if text := await self.ask(dialog):
+        if text := await self.line(question, f"1 … {len(self.playback.steps)}"):
             try:
                 self.playback.jump_to(text)
             except GlidecalError as problem:
@@ -147,11 +146,9 @@ class ReplayScreen(MainScreen[None]):
 
     @once("result")
     async def action_result(self) -> None:
-        from app.screens.result import result_of
-
         self.action_playback("pause")
         try:
-            result = await apart(self, result_of, [self.path], verified=False)
+            result = await apart(self, screen_of, "solved", [self.path], verified=False)
             if self.is_current:
                 self.app.push_screen(result)
         except GlidecalError as problem:

@@ -12,7 +12,6 @@ from textual import work
 from textual.binding import Binding, BindingType
 from textual.widgets import TabbedContent
 
-from app.evaluating.comparison import partner_of
 from app.evaluating.diagnosis import resize
 from app.evaluating.solution import SessionSolution, solve_files, solve_sessions
 from app.exports import export_offsets
@@ -23,7 +22,7 @@ from app.report.text import result as texts
 from app.report.text import what_if as what_if_texts
 from app.report.text.correction import SUBSET_WORDS
 from app.report.text.glance import Done, glance_text
-from app.screens.interface import ChoiceDialog
+from app.screens.interface import screen_of
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, is_left, once
 from app.screens.plot import LegPlots
@@ -86,7 +85,6 @@ class ResultScreen(PagedScreen[None]):
     async def _show(self) -> None:
         if self.solved.is_worked_out:  # else it is shown when it is
             self._show_glance()
-            self.refresh_bindings()
             chart = measured_and_predicted(self.solved.solution)
             self.put("details", texts.solution_text(self.solved))
             self.put("result", None, chart)
@@ -98,6 +96,7 @@ class ResultScreen(PagedScreen[None]):
             columns = min(self.size.width, 80) - 4  # beside it the plot, where there is more room
             able = {"exports": not self.app.read_only, "measures": self.plan is not None}
             self.put("result", glance_text(self.solved, self.before, self.done, columns, **able))
+            self.refresh_bindings()  # whoever shows it: it is what the keys are for
 
     def on_resize(self) -> None:
         """The bars are as long as there is room."""
@@ -115,7 +114,7 @@ class ResultScreen(PagedScreen[None]):
     async def action_choose(self) -> None:
         """Show another set of parameters, which is a view: what to enter stays."""
         sets = [(subset, SUBSET_WORDS[subset]) for subset in SUBSETS]
-        subset = await self.ask(ChoiceDialog(texts.WHICH_SET, sets))
+        subset = await self.choice(texts.WHICH_SET, sets)
         if subset is not None:
             with self.app.complaining():
                 if self.query_one(TabbedContent).active == "result":
@@ -140,14 +139,16 @@ class ResultScreen(PagedScreen[None]):
     def action_verify(self) -> None:
         with self.app.complaining():
             if self.plan is not None:
-                self.app.push_screen(self.app.check(verification_plan(self.plan, self.solved)))
+                plan = verification_plan(self.plan, self.solved)
+                self.app.push_screen(screen_of("check", plan))
 
     @once("report", outlives=True)
     async def action_report(self) -> None:
         self.app.notify(texts.WRITING_REPORT)
-        target, verifies = self.path.with_suffix(".html"), self.solved.sessions[0].opened.verifies
-        if await self.app.written(partial(_report, self.path, verifies, target)):
+        target = self.path.with_suffix(".html")
+        if await self.app.written(partial(_report, self.path, target)):
             self.app.notify(texts.REPORT_WRITTEN.format(target.name))
+            self._did(Done.REPORTED)
 
     @once("what-if")
     async def action_what_if(self) -> None:
@@ -174,15 +175,13 @@ class ResultScreen(PagedScreen[None]):
 
     def action_diagnose(self) -> None:
         self._did(Done.DIAGNOSED)
-        self.app.push_screen(self.app.diagnosis([self.path]))
+        self.app.push_screen(screen_of("diagnosis", [self.path]))
 
 
-def _report(path: Path, verifies: str | None, target: Path, *, replace: bool) -> Path:
+def _report(path: Path, target: Path, *, replace: bool) -> Path:
     with extra("glidecal report", "report"):
         from app.report.pages.report import source_of_legs, write_report
-    first = partner_of(path, verifies)
-    source = partial(source_of_legs, [first or path], after=path if first else None)
-    return write_report(source, target, replace=replace)
+    return write_report(partial(source_of_legs, [path]), target, replace=replace)
 
 
 def result_of(

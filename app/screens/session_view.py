@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from functools import lru_cache, partial
 from itertools import zip_longest
 from typing import ClassVar
@@ -21,17 +21,16 @@ from textual.widgets import Static
 
 from app.measuring.attended import TakenBy
 from app.measuring.gauges import Live, Motion
-from app.measuring.indicators import ports_to_choose
 from app.measuring.moving import Mover
 from app.report.charts.digits import large_digits
 from app.report.charts.results import readings_by_posture
 from app.report.charts.strips import strip_rows
 from app.report.charts.tripod import drawn_set_up
-from app.report.text import motion, questions
+from app.report.text import motion
 from app.report.text import session as texts
 from app.report.text.gauges import NO_NUMBER, panel_title, port_words, shown_number, state_words
 from app.report.text.leg_review import REVIEW_HELP, leg_review_text
-from app.screens.interface import WIDE, ChoiceDialog, Dialog, Interface
+from app.screens.interface import WIDE, Dialog, Glidecal
 from app.screens.pages import Resting, signalled
 from app.screens.plot import ChartPlot
 from drivers.motion.line import DEAD_S
@@ -39,7 +38,7 @@ from protocols.machine import Instrument
 from protocols.procedure import Step
 from protocols.session import Session
 
-LEAST_STRIP_ROWS = 4
+LEAST_STRIP_ROWS = 1
 """Digits are large where so many rows of the strip chart are left."""
 
 STRIP_S, RESTING_STRIP_S = 1.0, 2.0
@@ -115,9 +114,10 @@ class GaugeDisplay(Resting):
         self.digits = large if fits else big_digits(self.number)
         indent = " " * (max(0, width - len(self.digits[0])) // 2)
         pace_s = RESTING_STRIP_S if live.motion is Motion.STABLE else STRIP_S
-        if time.monotonic() - self._strip_at > pace_s:
+        strip_height = max(0, height - len(self.digits) - 1)  # another one below other digits
+        if time.monotonic() - self._strip_at > pace_s or len(self.strip) != strip_height:
             self._strip_at = time.monotonic()
-            self.strip = strip_rows(live.trace(), width, max(0, height - len(self.digits) - 1))
+            self.strip = strip_rows(live.trace(), width, strip_height)
         digits = (f"{indent}{row}".ljust(width) for row in self.digits)
         return [*digits, state_words(live), *self.strip]
 
@@ -178,10 +178,25 @@ class StepList(Words):
         self.update("\n".join(self._lines[first : first + height]), layout=False)
 
 
+class LegTable(Words):
+    """The leg so far, as many of the last cycles as fit."""
+
+    _shown: tuple[Session, Sequence[Step], Step] | None = None
+
+    def show(self, session: Session, steps: Sequence[Step], step: Step) -> None:
+        self._shown = session, steps, step
+        self.on_resize()
+
+    def on_resize(self) -> None:
+        if self._shown is not None:
+            there = self.content_size.height or texts.LINES_THERE
+            self.update(texts.so_far_text(*self._shown, there), layout=False)
+
+
 class SessionView(Vertical, Resting):
     """The same picture whether a session is measured or replayed."""
 
-    app: Interface
+    app: Glidecal
 
     def __init__(self, instruments: Sequence[Instrument | None]) -> None:
         super().__init__()
@@ -195,7 +210,7 @@ class SessionView(Vertical, Resting):
         yield self._gauges
         yield Words("", id="said", markup=False)
         with SideBySide(id="lower"):
-            yield Words("", id="table", markup=False)
+            yield LegTable("", id="table", markup=False)
             yield ChartPlot(plot_id="chart")
 
     def show_progress(self, text: str) -> None:
@@ -210,8 +225,7 @@ class SessionView(Vertical, Resting):
             return
         words = self.app.keyed(texts.step_text(step, session, by))
         self.query_one("#step", Static).update(words, layout=False)
-        table = texts.so_far_text(session, steps, step)
-        self.query_one("#table", Static).update(table, layout=False)
+        self.query_one(LegTable).show(session, steps, step)
         self.set_timer(CHART_S, partial(self._show_chart, session, step))
         self._gauges.name_them(self._instruments, step)
 
@@ -257,13 +271,6 @@ class SessionView(Vertical, Resting):
             self.set_class(True, "stripped").remove_class("plotted")
         else:
             self.add_class("plotted")
-
-
-def port_dialog(name: str, adapter: str, used: Collection[str]) -> ChoiceDialog[str] | None:
-    """At which port an indicator is now, by its name and that of its adapter; None: at no other."""
-    if ports := ports_to_choose(adapter, used):
-        return ChoiceDialog(questions.port_question(name), questions.port_choices(ports, adapter))
-    return None
 
 
 class SetUpScreen(Dialog[None]):

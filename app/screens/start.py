@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,54 +12,24 @@ from textual.screen import Screen
 from app.measuring.recorded import check_session
 from app.report.streams import need_terminal
 from app.screens import Look
-from app.screens.home import HomeScreen, ReplayChoiceScreen, replay_screen
-from app.screens.interface import Interface
+from app.screens.home import ReplayChoiceScreen, replay_screen
+from app.screens.interface import Glidecal, screen_of
 from app.screens.keys import settings_for_screens
 from app.settings import settings_path
 
 if TYPE_CHECKING:
     from app.measuring.plan import Plan
-    from app.measuring.session import GuidedSession
-
-
-class Glidecal(Interface):
-    """The interface with its screens. What is slow to load waits until it is asked for."""
-
-    def on_ready(self) -> None:
-        """Load what the next screens need, once the first picture is there."""
-        self.call_after_refresh(import_module, "app.screens.prepare")
-        self.call_after_refresh(import_module, "app.screens.measure")
-
-    def home(self) -> Screen[None]:
-        return HomeScreen()
-
-    def check(self, plan: Plan) -> Screen[None]:
-        from app.screens.check import CheckScreen
-
-        return CheckScreen(plan)
-
-    def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
-        from app.screens.measure import MeasureScreen
-
-        return MeasureScreen(guided, plan)
-
-    def diagnosis(self, paths: list[Path]) -> Screen[None]:
-        from app.screens.diagnose import DiagnoseScreen
-
-        return DiagnoseScreen(paths)
 
 
 def open_interface(looks: Sequence[Look]) -> int:
     """Home. Returns the exit status."""
     need_terminal("terminal interface", "a verb: see glidecal --help")
-    return open_screen(HomeScreen(), looks)
+    return open_screen(screen_of("home"), looks)
 
 
 def open_session(plan: Plan, looks: Sequence[Look]) -> int:
     """The instrument check of a planned or interrupted session, then measuring."""
-    from app.screens.check import CheckScreen
-
-    return open_screen(CheckScreen(plan), looks)
+    return open_screen(screen_of("check", plan), looks)
 
 
 def open_replay(paths: Sequence[Path], looks: Sequence[Look], *, served: bool = False) -> int:

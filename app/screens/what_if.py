@@ -19,7 +19,6 @@ from app.report.charts.charts import Chart
 from app.report.charts.results import predictions_with, residuals_with
 from app.report.text import what_if as texts
 from app.report.text.home import ONLY_SHOWN
-from app.screens.interface import ChoiceDialog
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, once, signalled
 from app.screens.plot import ChartPlot
@@ -176,7 +175,7 @@ class WhatIfScreen(SizesScreen[EffectEntry | None, WhatIf]):
     ) -> None:
         doubt = texts.doubt_text(choice, mistakes=mistakes)
         super().__init__(texts.heading_text(choice, trial, model), doubt)
-        self.choice, self.trial = choice, trial
+        self.effect_choice, self.trial = choice, trial
 
     def begun(self) -> Sizes:
         self.trial = self.trial.begin()
@@ -228,7 +227,7 @@ async def tried(
         screen.app.complain(texts.NOTHING_TO_TRY)
         return None
     rows = [(each, texts.choice_words(each)) for each in listed]
-    choice = await screen.ask(ChoiceDialog(texts.WHICH, rows))
+    choice = await screen.choice(texts.WHICH, rows)
     if choice is None:
         return None
     trial = trial_of(choice, sessions, model_file, subset)

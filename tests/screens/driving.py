@@ -24,7 +24,7 @@ from app.screens.diagnose import DiagnoseScreen
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.hexaslide_result import HexaSlideResultScreen
 from app.screens.history import HistoryScreen
-from app.screens.interface import Interface
+from app.screens.interface import Glidecal
 from app.screens.measure import MeasureScreen
 from app.screens.prepare import IndicatorScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen
@@ -45,13 +45,13 @@ def quick_plan(folder: Path) -> Plan:
     return replace(demo_plan(folder, "zero-max-min", 1), interval_s=0.03, window_s=0.15)
 
 
-def text(interface: Interface, selector: str) -> str:
+def text(interface: Glidecal, selector: str) -> str:
     """The words of a widget, none while the screen is still being composed."""
     widgets = interface.screen.query(selector).results(Static)
     return "".join(str(widget.content) for widget in widgets)
 
 
-def said(interface: Interface) -> str:
+def said(interface: Glidecal) -> str:
     """What notifications say, and the line for it that a page has."""
     lines = [str(line.content) for line in interface.screen.query("#message").results(Static)]
     return "\n".join([*(note.message for note in interface._notifications), *filter(None, lines)])
@@ -87,7 +87,7 @@ async def until(pilot: Pilot[str], what: str, condition: object) -> None:
     pytest.fail(f"did not happen: {what}")
 
 
-async def looked(pilot: Pilot[str], interface: Interface, kind: type[Looking]) -> Looking:
+async def looked(pilot: Pilot[str], interface: Glidecal, kind: type[Looking]) -> Looking:
     """A screen of this kind once it has found what it looks for, or that there is nothing."""
     await until(pilot, "the screen", lambda: isinstance(interface.screen, kind))
     screen = interface.screen
@@ -97,14 +97,14 @@ async def looked(pilot: Pilot[str], interface: Interface, kind: type[Looking]) -
     return screen
 
 
-async def history_shown(pilot: Pilot[str], interface: Interface) -> str:
+async def history_shown(pilot: Pilot[str], interface: Glidecal) -> str:
     """The text of a history once its screen is there."""
     await until(pilot, "history", lambda: isinstance(interface.screen, HistoryScreen))
     await pilot.pause()
     return text(interface, "#history-text")
 
 
-async def to_measuring(pilot: Pilot[str], interface: Interface) -> MeasureScreen:
+async def to_measuring(pilot: Pilot[str], interface: Glidecal) -> MeasureScreen:
     await until(pilot, "indicators open", lambda: interface.indicators is not None)
     await pilot.press("enter")
 
@@ -129,7 +129,7 @@ async def press_for(
     pytest.fail(f"did not happen in {PRESSES} presses: {what}")
 
 
-async def fill_in(pilot: Pilot[str], interface: Interface, which: str, **values: str) -> None:
+async def fill_in(pilot: Pilot[str], interface: Glidecal, which: str, **values: str) -> None:
     """Fill in the form of an indicator, by its fields, and come back to the form of the session."""
     form = interface.screen
     form.query_one(f"#{which}").focus()

@@ -9,8 +9,8 @@ from app.measuring.indicators import simulated_indicators
 from app.measuring.opening import start_session
 from app.measuring.plan import Plan, aligning
 from app.screens.align import AlignScreen
+from app.screens.interface import Glidecal
 from app.screens.measure import MeasureScreen
-from app.screens.start import Glidecal
 from protocols.machine import Machine
 from protocols.record import read_record
 from protocols.session import fold

@@ -14,9 +14,9 @@ from app.measuring.demo import demo_plan
 from app.measuring.plan import Plan
 from app.measuring.session import Indicators
 from app.screens.check import CheckScreen
+from app.screens.interface import Glidecal
 from app.screens.measure import MeasureScreen
 from app.screens.session_view import GaugeDisplay
-from app.screens.start import Glidecal
 from drivers.profile import Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twins import IndicatorTwin, TwinPort

@@ -20,10 +20,9 @@ from app.measuring.indicators import (
 from app.measuring.opening import open_indicators, start_session
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import Interface
+from app.screens.interface import Glidecal
 from app.screens.measure import MeasureScreen
 from app.screens.prepare import IndicatorScreen, PrepareScreen
-from app.screens.start import Glidecal
 from app.settings import data_path
 from calib.errors import RecordError
 from drivers.profile import Spindle
@@ -57,7 +56,7 @@ def twin() -> Iterator[TwinPort]:
         yield port
 
 
-async def form(pilot: Pilot[str], interface: Interface) -> PrepareScreen:
+async def form(pilot: Pilot[str], interface: Glidecal) -> PrepareScreen:
     await pilot.press("enter")
     await until(pilot, "form", lambda: isinstance(interface.screen, PrepareScreen))
     await pilot.pause()
@@ -65,7 +64,7 @@ async def form(pilot: Pilot[str], interface: Interface) -> PrepareScreen:
     return interface.screen
 
 
-async def opened(pilot: Pilot[str], interface: Interface) -> IndicatorScreen:
+async def opened(pilot: Pilot[str], interface: Glidecal) -> IndicatorScreen:
     await pilot.press("enter")
     await until(pilot, "its form", lambda: isinstance(interface.screen, IndicatorScreen))
     await pilot.pause()

@@ -16,11 +16,10 @@ from textual.widgets import Input, OptionList, Static
 from app.measuring.gauges import Gauge
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
+from app.screens.interface import ChoiceDialog, Glidecal, HelpDialog, TextDialog
 from app.screens.measure import MeasureScreen
 from app.screens.plot import ChartPlot
 from app.screens.session_view import LegReviewScreen
-from app.screens.start import Glidecal
 from drivers.profile import IndicatorReading, Outcome
 from protocols.clock import steady_s
 from protocols.record import read_record
@@ -28,7 +27,7 @@ from protocols.session import Noted, fold
 from tests.conftest import first_quick
 from tests.screens.driving import press_for, quick_plan, take, text, to_measuring, until
 
-Driven = tuple[Pilot[str], Interface, MeasureScreen]
+Driven = tuple[Pilot[str], Glidecal, MeasureScreen]
 
 
 @asynccontextmanager

@@ -11,10 +11,9 @@ from textual.widgets import OptionList, TabbedContent
 
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog, HelpDialog
+from app.screens.interface import ChoiceDialog, Glidecal, HelpDialog
 from app.screens.plot import ChartPlot
 from app.screens.result import ResultScreen
-from app.screens.start import Glidecal
 from calib.errors import RecordError
 from tests.conftest import first_quick
 from tests.screens.diagnosing import diagnosed, drawn, verdict

@@ -12,9 +12,8 @@ from textual.widgets import Input, OptionList, Static
 from app.evaluating.diagnosis import SessionDiagnosis
 from app.evaluating.solution import solve_files
 from app.screens.diagnose import DiagnoseScreen
-from app.screens.interface import ChoiceDialog, TextDialog
+from app.screens.interface import ChoiceDialog, Glidecal, TextDialog
 from app.screens.result import ResultScreen
-from app.screens.start import Glidecal
 from protocols.journal import write_whole
 from protocols.machine import load_machine
 from protocols.model_file import read_model_file

@@ -24,11 +24,10 @@ from app.screens.diagnose import DiagnoseScreen
 from app.screens.fast_keys import lacks_parts
 from app.screens.history import CompareScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
+from app.screens.interface import ChoiceDialog, Glidecal, HelpDialog, TextDialog
 from app.screens.prepare import IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
-from app.screens.start import Glidecal
 from tests.conftest import SAMPLES, first_quick
 from tests.screens.driving import PATIENCE, SIZE, until
 
@@ -44,7 +43,7 @@ MASHED = min(5000, int(os.environ.get("GLIDECAL_FUZZ", "200")))
 """Keys of one seed; a run that quits by them begins again."""
 
 
-def strike(interface: Interface, key: str) -> None:
+def strike(interface: Glidecal, key: str) -> None:
     """A key as a terminal sends it: nobody waits for what it does."""
     character = {"space": " "}.get(key, key if len(key) == 1 else None)
     interface.post_message(events.Key(key, character))
@@ -140,7 +139,7 @@ async def test_a_worker_too_may_miss_parts_of_a_screen_that_is_gone(folder: Path
         assert lacking() == [True, True, False]
 
 
-async def acted_on(interface: Interface) -> None:
+async def acted_on(interface: Glidecal) -> None:
     """All keys so far: the end of a test takes the screens apart while it still hands on keys.
 
     No pause of the pilot: it waits for parts of the footer that were made again meanwhile.
@@ -154,7 +153,7 @@ async def acted_on(interface: Interface) -> None:
     pytest.fail("did not happen: the last key")
 
 
-async def struck(pilot: Pilot[str], interface: Interface, *keys: str) -> None:
+async def struck(pilot: Pilot[str], interface: Glidecal, *keys: str) -> None:
     for key in keys:
         strike(interface, key)
     await pilot.pause()

@@ -14,9 +14,8 @@ from app.measuring.plan import QUICK_INTERVAL_S
 from app.measuring.unattended import measure_all
 from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
-from app.screens.interface import Interface
+from app.screens.interface import Glidecal
 from app.screens.result import ResultScreen
-from app.screens.start import Glidecal
 from calib.errors import NotIdentifiable
 from protocols.record import read_record
 from tests.screens.driving import SIZE, quick_plan, take, text, to_measuring, until
@@ -121,5 +120,5 @@ async def test_space_twice_computes_the_result_once(
         await pilot.press("f10")
 
 
-def said_by(interface: Interface) -> str:
+def said_by(interface: Glidecal) -> str:
     return text(interface, "#said")

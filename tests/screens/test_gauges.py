@@ -66,10 +66,10 @@ async def test_a_panel_shows_digits_state_and_trend_within_its_border() -> None:
         assert "─ 1 sylvac ─" in panel[0]
         assert "─ /dev/tty[USB]0 ─" in panel[-1]
         for row, digits in zip(panel[1:4], big_digits("-12.345"), strict=True):
-            assert row[2:-2].strip() == digits.strip()
-        assert panel[4][2:-2].rstrip() == "= STABLE"
-        assert panel[5][2:-2] == strip_rows(TRACE, left.size.width, 1)[0]
-        assert rows_of(app, right)[4][2:-2].strip() == "", "the other has nothing to show"
+            assert row[1:-1].strip() == digits.strip()
+        assert panel[4][1:-1].rstrip() == "= STABLE"
+        assert tuple(row[1:-1] for row in panel[5:-1]) == strip_rows(TRACE, left.size.width, 3)
+        assert rows_of(app, right)[4][1:-1].strip() == "", "the other has nothing to show"
         assert await as_drawn_anew(pilot, app) == rows(app.screen)
 
 
@@ -93,11 +93,17 @@ async def test_every_change_is_drawn_and_nothing_old_stays() -> None:
             await pilot.pause()
             screen_rows = rows(app.screen)
             assert await as_drawn_anew(pilot, app) == screen_rows
-            first = rows_of(app, left)[1][2:-2].strip()
+            first = rows_of(app, left)[1][1:-1].strip()
             words = state_words(change).replace("\x1b", "")
-            assert first == (words if change is gone else big_digits(left.number)[0].strip())
+            assert first == (words if change is gone else digits_in(left)[0].strip())
             assert left.has_class(change.motion.value)
         assert left.number == "-0.001"
+
+
+def digits_in(panel: GaugeDisplay) -> tuple[str, ...]:
+    """Large ones where they are no longer than the panel."""
+    large = large_digits(panel.number)
+    return large if len(large[0]) <= panel.size.width else big_digits(panel.number)
 
 
 async def test_digits_are_large_where_there_is_room() -> None:
@@ -112,7 +118,7 @@ async def test_digits_are_large_where_there_is_room() -> None:
             await pilot.pause()
             large = large_digits(left.number)
             digits = large if value_mm > -100.0 else big_digits(left.number)
-            panel = [row[2:-2] for row in rows_of(app, left)[1:-1]]
+            panel = [row[1:-1] for row in rows_of(app, left)[1:-1]]
             pairs = zip(panel, digits, strict=False)
             assert all(row.strip() == words.strip() for row, words in pairs)
             assert panel[len(digits)].startswith("= STABLE")
@@ -128,9 +134,22 @@ async def test_panels_that_the_screen_cuts_show_what_fits() -> None:
         for value_mm in (0.5, 0.501, -7.25):
             left.show(shown(value_mm, age_s=value_mm))
             await pilot.pause()
-            assert rows(app.screen)[1][2:38].strip() == big_digits(left.number)[0].strip()
+            assert rows(app.screen)[1][1:38].strip() == digits_in(left)[0].strip()
             screen_rows = rows(app.screen)
             assert await as_drawn_anew(pilot, app) == screen_rows
+
+
+async def test_a_panel_lower_than_its_words_shows_what_fits() -> None:
+    app = Panels()
+    async with app.run_test(size=SIZE) as pilot:
+        left, _ = app.panels
+        left.styles.height = 4
+        await pilot.pause()
+        for age_s in (0.0, 3.0, 4.0):
+            left.show(shown(0.5, age_s=age_s))  # its state is below the edge
+            await pilot.pause()
+            assert rows_of(app, left)[1][2:-2].strip() == big_digits("+0.500")[0].strip()
+            assert await as_drawn_anew(pilot, app) == rows(app.screen)
 
 
 async def test_faults_are_whole_sentences_without_control_codes() -> None:
@@ -143,7 +162,7 @@ async def test_faults_are_whole_sentences_without_control_codes() -> None:
         assert left.number == "------"
         panel = rows_of(app, left)[1:-1]
         assert {len(row) for row in panel} == {40}, "nothing reaches beyond the border"
-        text = " ".join(" ".join(row[2:-2] for row in panel).split())
+        text = " ".join(" ".join(row[1:-1] for row in panel).split())
         assert text == f"! FAULT {words} look again.".replace("\x1b", "")
 
 

@@ -15,8 +15,7 @@ from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_result import glance_text, next_text
 from app.screens.hexaslide_result import HexaSlideResultScreen
 from app.screens.home import HomeScreen, ReplayChoiceScreen
-from app.screens.interface import ChoiceDialog, Interface
-from app.screens.start import Glidecal
+from app.screens.interface import ChoiceDialog, Glidecal
 from tests.app.posture_sessions import posture_session
 from tests.screens.driving import SIZE, history_shown, looked, rows, said, text, until
 from tests.screens.test_serving_reports import listed
@@ -38,7 +37,7 @@ def session(recorded: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     return path
 
 
-async def chosen(pilot: Pilot[str], interface: Interface, name: str) -> None:
+async def chosen(pilot: Pilot[str], interface: Glidecal, name: str) -> None:
     """A choice of a list, by its id or, in a dialog, its answer."""
     choices = interface.screen.query_one(OptionList)
     choices.highlighted = [option.id for option in choices.options].index(name)

@@ -21,9 +21,8 @@ from app.machines.registry import LOOKS
 from app.planning.hexaslide import Request
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
+from app.screens.interface import ChoiceDialog, Glidecal, HelpDialog, TextDialog
 from app.screens.plot import ChartPlot
-from app.screens.start import Glidecal
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.procedures import Procedure
@@ -41,11 +40,11 @@ RANKS = {
 """Key: procedure, rank, parameters, the paper's rank, fewest postures."""
 
 
-def drawn(interface: Interface, name: str) -> str:
+def drawn(interface: Glidecal, name: str) -> str:
     return str(interface.screen.query_one(f"#{name}", ChartPlot).render())
 
 
-def number_colours(interface: Interface, name: str) -> tuple[object, object]:
+def number_colours(interface: Glidecal, name: str) -> tuple[object, object]:
     """Colours of the letter and of the ground where chain 1 is written."""
     picture = interface.screen.query_one(f"#{name}", ChartPlot).render()
     assert isinstance(picture, Text)
@@ -56,11 +55,11 @@ def number_colours(interface: Interface, name: str) -> tuple[object, object]:
     return Color.from_rich_color(style.color).rgb, Color.from_rich_color(style.bgcolor).rgb
 
 
-def page(interface: Interface) -> str:
+def page(interface: Glidecal) -> str:
     return interface.screen.query_one(TabbedContent).active
 
 
-async def enter(pilot: Pilot[str], interface: Interface, words: str) -> None:
+async def enter(pilot: Pilot[str], interface: Glidecal, words: str) -> None:
     """The line of a dialog replaced and accepted."""
     await until(pilot, "a dialog", lambda: isinstance(interface.screen, TextDialog))
     await until(pilot, "a line", lambda: bool(interface.screen.query(Input)))
@@ -224,7 +223,7 @@ def check_found(screen: HexaSlideScreen) -> None:
     assert ((machine.box.lower <= best.coordinates) & (best.coordinates <= machine.box.upper)).all()
 
 
-async def check_drawn_at_postures(pilot: Pilot[str], interface: Interface) -> None:
+async def check_drawn_at_postures(pilot: Pilot[str], interface: Glidecal) -> None:
     await pilot.press("left", "left", "left")
     await until(pilot, "the page", lambda: page(interface) == "drawn")
     await pilot.pause()
@@ -284,7 +283,7 @@ async def test_count_of_postures(gate: Gate) -> None:
         for wrong in ("8", "x [y]", "201"):
             await pilot.press("c")
             await enter(pilot, interface, wrong)
-            assert f"found '{wrong}'; allowed: 9 to 200" in said(interface)
+            assert f"found '{wrong}'. Allowed: 9 to 200" in said(interface)
         await pilot.press("c")
         await enter(pilot, interface, "10")
         gate.first.set()

@@ -8,9 +8,8 @@ import pytest
 from textual.widgets import OptionList
 
 from app.screens.hexaslide_result import HexaSlideResultScreen, PostureWhatIfScreen
-from app.screens.interface import ChoiceDialog
+from app.screens.interface import ChoiceDialog, Glidecal
 from app.screens.plot import ChartPlot
-from app.screens.start import Glidecal
 from tests.app.hexaslide_hidden import hidden_session
 from tests.blind.hexaslide import Hidden
 from tests.screens.driving import SIZE, looked, text, until

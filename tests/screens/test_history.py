@@ -20,8 +20,8 @@ from app.report.charts.results import control_charts
 from app.report.text.history import machine_sentence
 from app.screens.history import HistoryScreen
 from app.screens.home import HomeScreen
+from app.screens.interface import Glidecal
 from app.screens.plot import ChartPlot
-from app.screens.start import Glidecal
 from protocols.journal import write_whole
 from protocols.machine import load_machine
 from protocols.record import read_record

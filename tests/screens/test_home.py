@@ -17,11 +17,10 @@ from app.measuring.plan import QUICK_INTERVAL_S
 from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.history import CompareScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog, HelpDialog, Interface
+from app.screens.interface import ChoiceDialog, Glidecal, HelpDialog
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
-from app.screens.start import Glidecal
 from protocols.journal import Journal
 from tests.protocols.test_journal import reading
 from tests.recorded import opened as planned
@@ -42,13 +41,13 @@ def folder(tmp_path: Path, samples: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
     return place
 
 
-def options(interface: Interface) -> list[str]:
+def options(interface: Glidecal) -> list[str]:
     """The lines of a list, without the numbers that choose some of them."""
     entries = interface.screen.query_one(OptionList).options
     return [re.sub(r"^(\d| )  ", "", str(option.prompt)) for option in entries]
 
 
-async def choose(pilot: Pilot[str], interface: Interface, beginning: str) -> None:
+async def choose(pilot: Pilot[str], interface: Glidecal, beginning: str) -> None:
     """Arrow keys to the first line that begins so, and Enter."""
     listed = interface.screen.query_one(OptionList)
     position = next(k for k, words in enumerate(options(interface)) if words.startswith(beginning))
@@ -57,7 +56,7 @@ async def choose(pilot: Pilot[str], interface: Interface, beginning: str) -> Non
     await pilot.press("enter")
 
 
-async def shown(pilot: Pilot[str], interface: Interface, screen: type[object]) -> None:
+async def shown(pilot: Pilot[str], interface: Glidecal, screen: type[object]) -> None:
     await until(pilot, screen.__name__, lambda: isinstance(interface.screen, screen))
     await pilot.pause()
 

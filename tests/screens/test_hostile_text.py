@@ -12,9 +12,8 @@ from textual.screen import Screen
 from textual.widgets import DataTable, Label, Static
 
 from app.screens.home import HomeScreen
-from app.screens.interface import Interface
+from app.screens.interface import Glidecal
 from app.screens.replay import ReplayScreen
-from app.screens.start import Glidecal
 from calib.printable import HIDDEN
 from tests.app.commands.hostile_files import ESCAPES, chained
 from tests.conftest import SAMPLES
@@ -42,7 +41,7 @@ def shown(screen: Screen[Any]) -> str:
     return "\n".join(segment.text for strip in sent for segment in strip)
 
 
-async def assert_clean(pilot: Pilot[str], interface: Interface) -> None:
+async def assert_clean(pilot: Pilot[str], interface: Glidecal) -> None:
     await pilot.pause()
     raw = shown(interface.screen)
     assert raw.strip()

@@ -16,8 +16,7 @@ from app.measuring.indicators import remember
 from app.measuring.plan import QUICK_INTERVAL_S, Plan, plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog
-from app.screens.start import Glidecal
+from app.screens.interface import ChoiceDialog, Glidecal
 from drivers.profile import Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twins import IndicatorTwin, TwinPort, default_transport
@@ -306,6 +305,43 @@ async def test_pulled_cable_in_the_middle_of_a_session(tmp_path: Path) -> None:
             await until(pilot, "left", lambda: interface.guided is None)
     counted = fold(read_record(plan.path).events).readings
     assert [r.value_mm for r in counted] == [0.5, 0.7]
+
+
+async def test_the_fault_that_lasts_stays_on_the_line_while_another_ends(tmp_path: Path) -> None:
+    names = [tmp_path / "first", tmp_path / "second"]
+    ports = [TwinPort(still_twin(), default_transport()) for _ in names]
+    for name, port in zip(names, ports, strict=True):
+        point_to(name, port.url)
+    instruments = tuple(Instrument(profile="mitutoyo-01a", port=str(name)) for name in names)
+    plan = replace(quick_plan(tmp_path), instruments=instruments)
+    interface = Glidecal(CheckScreen(plan))
+    async with interface.run_test(size=SIZE) as pilot:
+        screen = await to_measuring(pilot, interface)
+        await take(pilot, screen)
+        for name, port in zip(names, ports, strict=True):
+            name.unlink()
+            port.close()
+
+        def lines() -> list[str]:
+            return text(interface, "#said").splitlines()
+
+        def faults() -> list[str]:
+            return [line for line in lines() if line.startswith("FAULT: ") and "O chooses" in line]
+
+        await until(pilot, "both told", lambda: len(faults()) == 2)
+        with TwinPort(
+            IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.7, 0.001)), default_transport()
+        ) as again:
+            point_to(names[1], again.url)
+            await until(pilot, "back", lambda: "answers again." in lines()[0])
+            assert [("first" in fault) for fault in faults()] == [True], lines()
+            assert "Continue with this step" not in text(interface, "#said")
+            await pilot.press("space")
+            await until(pilot, "an answer", lambda: "answers again" not in lines()[0])
+            assert "Space again" not in text(interface, "#said")
+            assert [("first" in fault) for fault in faults()] == [True], lines()
+            await pilot.press("f10")
+            await until(pilot, "left", lambda: interface.guided is None)
 
 
 def point_to(name: Path, port: str) -> None:

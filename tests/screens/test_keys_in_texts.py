@@ -13,9 +13,8 @@ import pytest
 from app.report.text import diagnosis, hexaslide, history, home, result, session, what_if
 from app.report.text.tables import KEY_ID, keyed
 from app.screens.diagnose import DiagnoseScreen
-from app.screens.interface import HelpDialog
+from app.screens.interface import Glidecal, HelpDialog
 from app.screens.keys import known_keys, usual_key
-from app.screens.start import Glidecal
 from app.settings import Settings
 from tests.conftest import ROOT, SAMPLES
 from tests.screens.driving import SIZE, text, until

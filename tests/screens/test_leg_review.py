@@ -9,10 +9,9 @@ from textual.widgets import Static
 
 from app.measuring.gauges import Gauge, Live, Motion
 from app.screens.check import CheckScreen
-from app.screens.interface import Interface
+from app.screens.interface import Glidecal
 from app.screens.plot import ChartPlot
 from app.screens.session_view import LegReviewScreen
-from app.screens.start import Glidecal
 from drivers.profile import IndicatorReading
 from tests.conftest import first_quick
 from tests.screens.driving import numbers, press_for, quick_plan, take, text, to_measuring, until
@@ -21,7 +20,7 @@ STEPS_OF_A_LEG = 10
 ELSEWHERE = Live(IndicatorReading("7.777", 7.777, 0.001, False), 0.0, Motion.STABLE)
 
 
-def charted(interface: Interface) -> str:
+def charted(interface: Glidecal) -> str:
     return str(interface.screen.query_one(ChartPlot).render())
 
 

@@ -24,13 +24,12 @@ from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.history import CompareScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
+from app.screens.interface import ChoiceDialog, Glidecal, HelpDialog, TextDialog
 from app.screens.pages import COLOURS_OF_WORDS
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import LegReviewScreen
-from app.screens.start import Glidecal
 from protocols.record import read_record
 from protocols.session import fold
 from tests.conftest import first_quick
@@ -39,14 +38,14 @@ from tests.screens.driving import rows, strips, text, until
 SIZES = [(80, 24), (100, 30), (120, 40)]
 
 
-def interface_on(first: Screen[None], theme: str = "textual-dark") -> Interface:
+def interface_on(first: Screen[None], theme: str = "textual-dark") -> Glidecal:
     interface = Glidecal(first, looks=LOOKS)
     interface.animation_level = "none"
     interface.theme = theme
     return interface
 
 
-def contrasts(interface: Interface, word: str) -> list[float]:
+def contrasts(interface: Glidecal, word: str) -> list[float]:
     """Contrast of a word with its ground wherever it is on the screen, as rendered."""
     ratios = []
     for strip in strips(interface.screen):
@@ -172,7 +171,7 @@ async def test_escape_leads_back_from_every_screen(
             await escape(pilot, interface, name)
 
 
-async def escape(pilot: Pilot[str], interface: Interface, name: str) -> None:
+async def escape(pilot: Pilot[str], interface: Glidecal, name: str) -> None:
     await pilot.press("escape")
     await until(pilot, f"home after {name}", lambda: isinstance(interface.screen, HomeScreen))
 

@@ -12,16 +12,16 @@ from pathlib import Path
 import pytest
 from textual.events import MouseDown
 from textual.pilot import Pilot
-from textual.widgets import Input, Select
+from textual.widgets import Input, Select, Static
 
 from app.measuring.moving import Mover
 from app.measuring.plan import Plan
+from app.report.text.motion import QUESTION
 from app.screens.check import CheckScreen
-from app.screens.interface import ChoiceDialog, TextDialog
+from app.screens.interface import ChoiceDialog, Glidecal, TextDialog
 from app.screens.measure import MeasureScreen
 from app.screens.prepare import PrepareScreen
 from app.screens.session_view import LegReviewScreen, MotionDialog
-from app.screens.start import Glidecal
 from drivers.motion.guard import LEFT
 from drivers.motion.line import DEAD_S, Patience
 from drivers.motion.states import State
@@ -160,6 +160,13 @@ async def test_the_check_says_what_will_move_before_a_key_lets_it(tmp_path: Path
             check_text = " ".join(text(interface, "#words").split())
             assert "joint_homed YES YES YES" in check_text
             assert "longest move 38.0 mm" in check_text  # from 22 to Max
+            shown = interface.screen.query_one("#words", Static)
+            first, *others = str(shown.content).splitlines()
+            assert QUESTION in first, "broken by the screen"
+            await until(pilot, "its bar", lambda: shown.region.width < SIZE[0])
+            room, prose = shown.content_size.width, [line for line in others if "G53" not in line]
+            twice = [line for line in prose if room < len(line) < 2 * room]
+            assert not twice, "what is broken already is not broken again"
             await pilot.pause()
             assert "Enter begins; nothing moves yet" in "".join(
                 rows(interface.screen)[:6]
@@ -187,6 +194,8 @@ async def test_every_key_stops_it_and_only_g_goes_on(key: str, tmp_path: Path) -
     async with measuring(tmp_path) as moved:
         before = await moved.second_move()
         assert "The tool goes to" in text(moved.interface, "#step")
+        await until(moved.pilot, "keys", lambda: "Take" not in rows(moved.screen)[-1])
+        assert not {"Repeat", "Back", "Skip", "Hold"} & {*rows(moved.screen)[-1].split()}
         if key == "click":
             click = MouseDown(None, 9, 9, 0, 0, 1, shift=False, meta=False, ctrl=False)
             moved.interface.post_message(click)
@@ -194,6 +203,7 @@ async def test_every_key_stops_it_and_only_g_goes_on(key: str, tmp_path: Path) -
             await moved.pilot.press(key)
         await moved.comes(State.STOPPED)
         assert not moved.bench.axes.moving
+        await until(moved.pilot, "keys", lambda: "Take" in rows(moved.screen)[-1])
         await moved.says("STOPPED: stopped by the operator.")
         assert isinstance(moved.interface.screen, MeasureScreen)  # the key did nothing else
         assert moved.screen.attended.on_hold

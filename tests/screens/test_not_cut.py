@@ -30,6 +30,8 @@ from app.evaluating.what_if import choices, trial_of
 from app.machines.registry import LOOKS
 from app.measuring.demo import WATCHED, demo_plan
 from app.measuring.plan import Plan
+from app.report.charts.characters import BLANK, NOTHING
+from app.report.charts.charts import CUT
 from app.report.charts.colours import contrast
 from app.report.text.questions import question_choices
 from app.screens.align import AlignScreen
@@ -44,19 +46,19 @@ from app.screens.home import HomeScreen, ReplayChoiceScreen
 from app.screens.interface import (
     ChoiceDialog,
     Dialog,
+    Glidecal,
     HelpDialog,
-    Interface,
     MainScreen,
     TextDialog,
 )
 from app.screens.measure import MeasureScreen
 from app.screens.paged import PagedScreen
 from app.screens.pages import Message
+from app.screens.plot import ChartPlot
 from app.screens.prepare import FormScreen, IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen, MotionDialog, SetUpScreen
-from app.screens.start import Glidecal
 from app.screens.what_if import SizesScreen, WhatIfScreen
 from drivers.motion.twins import MotionTrouble
 from protocols.hexaslide_measured import measured_in
@@ -171,7 +173,7 @@ def test_every_screen_is_looked_at() -> None:
     assert {*kinds(Screen)} - PARTS == {*MAKERS, MeasureScreen, MotionDialog, AlignScreen}
 
 
-def cut(interface: Interface) -> list[str]:
+def cut(interface: Glidecal) -> list[str]:
     """What of the screen on top cannot be read."""
     places = placed(interface.screen)
     widgets = [
@@ -192,6 +194,9 @@ def of_widget(widget: Widget, place: MapGeometry) -> Iterator[str]:
     for title in (widget.border_title, widget.border_subtitle):
         if title and cell_len(str(title)) > region.width - TITLE_EDGES:
             yield f"title {title!r} in {region.width - TITLE_EDGES} cells"
+    if isinstance(widget, ChartPlot) and str(picture := widget.render()) and widget._chart:
+        heading, title = widget._chart.heading, str(picture).splitlines()[0].strip()
+        yield from [f"title {title!r} of {heading!r}"] * (not tells(title, heading))
     if isinstance(widget, Static) and str(widget.content):
         words, rules = widget.visual, widget.styles.get_rules()
         if (needed := words.get_height(rules, room.width)) > room.height:
@@ -205,7 +210,14 @@ def of_widget(widget: Widget, place: MapGeometry) -> Iterator[str]:
         yield from (f"broken {row!r}" for row in lines if cell_len(row.rstrip()) > room.width)
 
 
-def faint(interface: Interface) -> list[str]:
+def tells(title: str, heading: str) -> bool:
+    """Whether a title is the heading of a chart, its middle cut out where there is no room."""
+    begins, _, ends = title.removesuffix(BLANK).strip().removesuffix(f": {NOTHING}").partition(CUT)
+    whole_or_cut = bool(begins and ends) or begins == heading
+    return whole_or_cut and heading.startswith(begins) and heading.endswith(ends)
+
+
+def faint(interface: Glidecal) -> list[str]:
     """Words that nobody tells from their ground, as they are sent to the terminal."""
     if interface.screen.is_modal:
         return []  # what lies behind a dialog is dim
@@ -224,20 +236,20 @@ def faint(interface: Interface) -> list[str]:
     ]
 
 
-def colours(interface: Interface) -> list[str]:
+def colours(interface: Glidecal) -> list[str]:
     """Words that are not black, grey or white."""
     segments = [segment for strip in strips(interface.screen) for segment in strip]
     pairs = [(segment.text, segment.style.color) for segment in segments if segment.style]
     return [words for words, c in pairs if c and len(set(c.get_truecolor())) > 1]
 
 
-async def look(pilot: Pilot[str], interface: Interface) -> list[str]:
+async def look(pilot: Pilot[str], interface: Glidecal) -> list[str]:
     await pilot.pause()
     await pilot.pause(0.05)
     return cut(interface) + faint(interface)
 
 
-async def pages(pilot: Pilot[str], interface: Interface) -> list[str]:
+async def pages(pilot: Pilot[str], interface: Glidecal) -> list[str]:
     """Of every page of the screen, and of its help."""
     screen = interface.screen
     cuts = await look(pilot, interface)
@@ -307,11 +319,11 @@ async def test_nothing_is_cut_while_measuring(tmp_path: Path) -> None:
     interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZES[0]) as pilot:
         screen = await to_measuring(pilot, interface)
-        for size, high in zip(SIZES, (3, 5, 5), strict=True):
+        for size in SIZES:
             await pilot.resize_terminal(*size)
             assert not (cuts := await pages(pilot, interface)), (size, cuts)
             for display in screen.query(GaugeDisplay):
-                assert len(display.digits) == high, "legible from three metres where there is room"
+                assert len(display.digits) == 5, "legible from three metres where there is room"
                 await until(pilot, "digits", lambda display=display: whole(screen, display))
         await take(pilot, screen)
         for size in SIZES:
@@ -329,6 +341,28 @@ async def test_nothing_is_cut_while_measuring(tmp_path: Path) -> None:
         assert all(cell_len(display.number) <= display.content_size.width for display in displays)
 
 
+@pytest.mark.parametrize("procedure", ["sweep", "two-station", "zero-max-min", "plane", "align"])
+async def test_no_table_of_a_leg_is_cut(procedure: str) -> None:
+    """In every cycle, and the row being measured is on the screen."""
+    interface = Glidecal(screen := ReplayScreen(SAMPLES / f"simulated_{procedure}.jsonl"))
+    async with interface.run_test(size=SIZES[0]) as pilot:
+        await until(pilot, "the picture", lambda: screen.query("#progress"))
+        last = {(step.place, step.cycle): step.number for step in screen.playback.steps}
+        for size in SIZES:
+            await pilot.resize_terminal(*size)
+            for number in last.values():
+                screen.playback.jump_to(str(number))
+                screen._show()
+                assert not (cuts := await look(pilot, interface)), (size, number, cuts)
+                table = str(screen.query_one("#table", Static).content).splitlines()
+                shown = "\n".join(rows(screen))
+                assert all(line.strip() in shown for line in table), (size, number)
+                step = screen.playback.now
+                assert step
+                row = f"cycle {step.cycle}"
+                assert sum(row in line for line in table) == len(step.axes), (size, number, table)
+
+
 async def test_nothing_is_cut_where_the_machine_moves_itself(tmp_path: Path) -> None:
     """Its keys, and what befell it; the ports of this test have names longer than any device's."""
     async with moving(tmp_path) as moved:
@@ -343,10 +377,16 @@ async def test_nothing_is_cut_where_the_machine_moves_itself(tmp_path: Path) -> 
                 assert not [line for line in lines if "socket://" not in line], size
 
 
-async def test_a_terminal_that_is_too_small_says_what_is_needed() -> None:
-    interface = Glidecal(HomeScreen(), looks=LOOKS)
-    async with interface.run_test(size=(60, 18), notifications=True) as pilot:
-        await until(pilot, "words", lambda: "60 × 18" in said(interface))
+@pytest.mark.parametrize("kind", [HomeScreen, CheckScreen])
+@pytest.mark.parametrize("size", [(60, 18), (40, 24)])
+async def test_a_terminal_that_is_too_small_says_what_is_needed(
+    size: tuple[int, int], kind: type[Screen[Any]], tmp_path: Path
+) -> None:
+    interface = Glidecal(MAKERS[kind](tmp_path), looks=LOOKS)
+    async with interface.run_test(size=size, notifications=True) as pilot:
+        await until(pilot, "words", lambda: f"{size[0]} × {size[1]}" in said(interface))
+        await until(pilot, "its picture", lambda: "needs 80 × 24" in " ".join(
+            " ".join(rows(interface.screen)).split()))  # fmt: skip
         assert "needs 80 × 24" in said(interface)
         await pilot.resize_terminal(80, 24)
         await until(pilot, "nothing", lambda: not said(interface))

@@ -24,13 +24,12 @@ from app.machines.registry import LOOKS
 from app.measuring.demo import demo_plan
 from app.report.text.questions import question_choices
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog, Interface, TextDialog
+from app.screens.interface import ChoiceDialog, Glidecal, TextDialog
 from app.screens.plot import ChartPlot
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen
-from app.screens.start import Glidecal
 from protocols.record import read_record
 from protocols.session import fold
 from tests.conftest import ROOT
@@ -60,7 +59,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-async def compare(pilot: Pilot[str], interface: Interface, name: str, folder: Path) -> None:
+async def compare(pilot: Pilot[str], interface: Glidecal, name: str, folder: Path) -> None:
     """The screen against its picture; where they differ the new one is kept beside."""
     for field in interface.screen.query(Input):
         field.cursor_blink = False
@@ -78,7 +77,7 @@ async def compare(pilot: Pilot[str], interface: Interface, name: str, folder: Pa
         pytest.fail(f"{stored} differs from the screen, which is kept as {kept_path}")
 
 
-def still(first: Screen[None]) -> Interface:
+def still(first: Screen[None]) -> Glidecal:
     """A program without animations."""
     interface = Glidecal(first, looks=LOOKS)
     interface.animation_level = "none"
@@ -97,7 +96,7 @@ def compared_screen(samples: Path, folder: Path) -> ResultScreen:
     return ResultScreen(solve_files([second]).work_out(), replace(plan, before=before), second)
 
 
-def page_is(interface: Interface, name: str) -> Callable[[], bool]:
+def page_is(interface: Glidecal, name: str) -> Callable[[], bool]:
     return lambda: interface.screen.query_one(TabbedContent).active == name
 
 

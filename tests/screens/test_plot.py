@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import pytest
 from rich.color import Color as RichColor
 from rich.style import Style
@@ -10,7 +13,7 @@ from textual.app import App, ComposeResult
 from textual.color import Color
 from textual.theme import BUILTIN_THEMES
 
-from app.report.charts.characters import MARKERS
+from app.report.charts.characters import BLANK, MARKERS
 from app.report.charts.charts import Chart, Series
 from app.screens.plot import ChartPlot
 
@@ -130,3 +133,24 @@ async def test_without_readings_it_says_so() -> None:
     async with app.run_test(size=(60, 12)) as pilot:
         await pilot.pause()
         assert picture(app).plain.splitlines()[0].strip() == "Leg X, mm: nothing measured yet"
+
+
+@pytest.mark.parametrize("columns", [110, 60, 55, 48])
+async def test_joint_and_unit_stay_in_a_title_of_a_long_name(columns: int) -> None:
+    title = "orthoglide 4711-2025-AB of hall 12, joint x, change of the offset (1 of 3)"
+    app = OneChart(Chart(title, "days", "µm", (Series("session", (0.0, 9.0), (-100.0, 50.0)),)))
+    async with app.run_test(size=(columns, 12)) as pilot:
+        await pilot.pause()
+        shown = picture(app).plain.splitlines()[0].strip(f" {BLANK}")
+    assert re.fullmatch(r"or.*, joint x, change of the offset \(1 of 3\), µm", shown), shown
+    assert ("…" in shown) == (columns < 80)
+
+
+async def test_a_title_stands_beside_long_names_too() -> None:
+    names = tuple(f"leg X along Y, {k}" for k in range(12))
+    values = tuple(float(k) for k in range(1, 13))
+    chart = Chart("Differences: leg along axis", "", "mm", (Series("measured", values, values),))
+    app = OneChart(replace(chart, x_names=names))
+    async with app.run_test(size=(40, 30)) as pilot:
+        await pilot.pause()
+        assert picture(app).plain.startswith("Differences: leg along axis, mm")

@@ -11,11 +11,10 @@ from textual.widgets import Log
 from app.measuring.playback import PlaybackState
 from app.report.text.replay import reading_lines
 from app.screens.home import HomeScreen, ReplayChoiceScreen
-from app.screens.interface import HelpDialog, Interface, TextDialog
+from app.screens.interface import Glidecal, HelpDialog, TextDialog
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay, StepList
-from app.screens.start import Glidecal
 from protocols.record import read_record
 from protocols.session import fold
 from tests.recorded import REASON, story, write
@@ -27,13 +26,13 @@ def record_path(tmp_path: Path) -> Path:
     return write(tmp_path / "told.jsonl", story(), close=True)
 
 
-def replay(interface: Interface) -> ReplayScreen:
+def replay(interface: Glidecal) -> ReplayScreen:
     screen = interface.screen
     assert isinstance(screen, ReplayScreen)
     return screen
 
 
-async def begin(pilot: Pilot[str], interface: Interface) -> ReplayScreen:
+async def begin(pilot: Pilot[str], interface: Glidecal) -> ReplayScreen:
     await until(pilot, "the picture", lambda: "step" in text(interface, "#progress"))
     return replay(interface)
 

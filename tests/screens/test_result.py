@@ -26,11 +26,10 @@ from app.report.text.result import WORKING_OUT, solution_text
 from app.report.text.tables import difference_words
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog, HelpDialog, Interface
+from app.screens.interface import ChoiceDialog, Glidecal, HelpDialog
 from app.screens.plot import ChartPlot, LegPlots
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
-from app.screens.start import Glidecal
 from app.settings import Settings
 from calib.arrays import FloatArray
 from calib.errors import NotIdentifiable
@@ -38,7 +37,7 @@ from calib.identify.solution import Subset
 from calib.posterior.tool_errors import ToolErrors
 from tests.app.exports.test_one_correction import shown_first
 from tests.conftest import LONG, first_quick
-from tests.screens.driving import SIZE, quick_plan, text, until
+from tests.screens.driving import SIZE, quick_plan, rows, text, until
 
 WIDE = (120, 40)
 PUBLISHED_MM = {
@@ -80,24 +79,24 @@ def verified(tmp_path_factory: pytest.TempPathFactory) -> tuple[SessionSolution,
     return solve_files([second.path]).work_out(), second
 
 
-def hear(interface: Interface, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def hear(interface: Glidecal, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What is said in notifications from now on."""
     messages: list[str] = []
     monkeypatch.setattr(interface, "notify", lambda message, **_: messages.append(message))
     return messages
 
 
-def page(interface: Interface) -> str:
+def page(interface: Glidecal) -> str:
     return interface.screen.query_one(TabbedContent).active
 
 
-def offered(interface: Interface) -> set[str]:
+def offered(interface: Glidecal) -> set[str]:
     """Keys in the footer."""
     active = interface.screen.active_bindings.items()
     return {key for key, entry in active if entry.binding.show}
 
 
-def drawn(interface: Interface, selector: str) -> list[str]:
+def drawn(interface: Glidecal, selector: str) -> list[str]:
     return str(interface.screen.query_one(selector, ChartPlot).render()).splitlines()
 
 
@@ -252,6 +251,35 @@ async def test_what_takes_long_is_worked_out_apart(
         assert not solved.is_worked_out
         come.set()
         await until(pilot, "text", lambda: "View: leg lengths" in text(interface, "#details-text"))
+
+
+async def test_keys_are_offered_with_the_page_that_names_them(
+    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever shows the page first, here a window of another size."""
+    _, path = published
+    come, done, solved = threading.Event(), threading.Event(), solve_files([path])
+    work_out = SessionSolution.work_out
+
+    def slow(self: SessionSolution) -> SessionSolution:
+        come.wait(60.0)
+        work_out(self)
+        done.wait(60.0)
+        return self
+
+    monkeypatch.setattr(SessionSolution, "work_out", slow)
+    interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
+    async with interface.run_test(size=SIZE) as pilot:
+        await until(pilot, "keys", lambda: "Report" in rows(interface.screen)[-1])
+        assert "Verify" not in rows(interface.screen)[-1]
+        come.set()
+        await until(pilot, "worked out", lambda: solved.is_worked_out)
+        await pilot.resize_terminal(*WIDE)
+        await until(pilot, "page", lambda: "Tool error" in text(interface, "#result-text"))
+        await pilot.pause(0.2)
+        shown = rows(interface.screen)[-1]
+        done.set()
+        assert "Verify" in shown
 
 
 def test_pages_work_nothing_out(

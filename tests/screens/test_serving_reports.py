@@ -21,7 +21,7 @@ from yarl import URL
 
 from app.measuring.simulated import simulated_session
 from app.screens.home import ReplayChoiceScreen
-from app.screens.start import Glidecal
+from app.screens.interface import Glidecal
 from app.serving import reports
 from app.serving.reports import HEADERS, MOST_MADE, ReportPages
 from calib.tripod.pipeline import Model

@@ -19,11 +19,10 @@ from app.report.text.session import MEASURE_HELP
 from app.report.text.tables import KEY_ID
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
+from app.screens.interface import ChoiceDialog, Glidecal, HelpDialog, TextDialog
 from app.screens.measure import MeasureScreen
 from app.screens.prepare import PrepareScreen
 from app.screens.result import ResultScreen
-from app.screens.start import Glidecal
 from app.settings import Settings
 from drivers.profile import Fault, FaultKind, IndicatorReading, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
@@ -209,7 +208,7 @@ async def test_prepare_form_with_keys(tmp_path: Path, monkeypatch: pytest.Monkey
             await prepare(pilot, interface, twin.url)
 
 
-async def prepare(pilot: Pilot[str], interface: Interface, port: str) -> None:
+async def prepare(pilot: Pilot[str], interface: Glidecal, port: str) -> None:
     await fill_in(pilot, interface, "indicator1", port=port, profile="mitutoyo-01a")
     assert "60 steps with 1 indicator" in text(interface, "#summary")
     interface.screen.query_one("#machine", Input).value = "none.toml"
@@ -314,7 +313,11 @@ async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) 
             await pilot.press("a")
             await until(pilot, "why", lambda: "cannot show the move" in text(interface, "#said"))
             assert screen.guided.session.done() == frozenset()
+            assert "press Space or the button at the indicator" in text(interface, "#said")
+            assert "When stable, press Space." in text(interface, "#step")
+            assert "It is read" not in text(interface, "#step")
             await take(pilot, screen)
+            assert "It is read when stable." in text(interface, "#step")
             await until(pilot, "why", lambda: "no move to MAX" in text(interface, "#said"))
             position[0] = 0.9
             await until(pilot, "one step", lambda: screen.guided.session.done() == {1, 2})

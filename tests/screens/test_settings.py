@@ -11,8 +11,7 @@ from textual.widgets._footer import FooterKey
 
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
-from app.screens.start import Glidecal
+from app.screens.interface import ChoiceDialog, Glidecal, HelpDialog, TextDialog
 from app.settings import Settings, read_settings
 from protocols.record import read_record
 from tests.screens.driving import SIZE, quick_plan, said, take, to_measuring, until
@@ -29,12 +28,12 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-async def from_palette(pilot: Pilot[str], interface: Interface, command: str) -> None:
+async def from_palette(pilot: Pilot[str], interface: Glidecal, command: str) -> None:
     await pilot.press("ctrl+p")
     await pick(pilot, interface, command)
 
 
-async def pick(pilot: Pilot[str], interface: Interface, words: str) -> None:
+async def pick(pilot: Pilot[str], interface: Glidecal, words: str) -> None:
     """Take the row of an open list that begins with these words."""
     await until(pilot, "list", lambda: isinstance(interface.screen, ChoiceDialog))
     dialog = interface.screen

@@ -18,10 +18,9 @@ from app.report.text import diagnosis as diagnosis_texts
 from app.report.text import what_if as texts
 from app.report.text.home import ONLY_SHOWN
 from app.screens.diagnose import DiagnoseScreen
-from app.screens.interface import ChoiceDialog, Interface, TextDialog
+from app.screens.interface import ChoiceDialog, Glidecal, TextDialog
 from app.screens.plot import ChartPlot
 from app.screens.result import ResultScreen
-from app.screens.start import Glidecal
 from app.screens.what_if import WhatIfScreen
 from protocols.effect_entries import EffectEntry, ParameterEntry
 from protocols.model_file import ModelFile, read_model_file
@@ -34,7 +33,7 @@ from tests.screens.driving import SIZE, rows, said, text, until
 NUMBER = r"([-+]?\d+\.\d+|0)"
 
 
-async def tried(pilot: Pilot[str], interface: Interface, number: str = "1") -> WhatIfScreen:
+async def tried(pilot: Pilot[str], interface: Glidecal, number: str = "1") -> WhatIfScreen:
     """The page of one effect of the list, once its first figures are there."""
     await pilot.press("w")
     await until(pilot, "the list", lambda: isinstance(interface.screen, ChoiceDialog))
@@ -51,7 +50,7 @@ async def pressed(pilot: Pilot[str], screen: WhatIfScreen, *keys: str) -> None:
     await until(pilot, "the figures of this size", lambda: screen.ready)
 
 
-def shown(interface: Interface, words: str) -> tuple[float, float]:
+def shown(interface: Glidecal, words: str) -> tuple[float, float]:
     """A row of the figures: without the effect, and with it."""
     match = re.search(
         rf"^\s*{re.escape(words)}\s+{NUMBER}\s+{NUMBER}", body(interface), re.MULTILINE
@@ -60,7 +59,7 @@ def shown(interface: Interface, words: str) -> tuple[float, float]:
     return float(match[1]), float(match[2])
 
 
-def body(interface: Interface) -> str:
+def body(interface: Glidecal) -> str:
     return text(interface, "#what-if")
 
 
@@ -163,7 +162,7 @@ async def test_a_size_that_was_moved_is_adopted_and_held(bowed: Path) -> None:
             pilot, "text", lambda: sentence in " ".join(text(interface, "#details-text").split())
         )
         screen = await tried(pilot, interface)
-        assert screen.choice.standing == "model"
+        assert screen.effect_choice.standing == "model"
         await pressed(pilot, screen, "right", "f")
         (best,) = screen.trial.fitted
         await pilot.press("enter")
@@ -290,7 +289,7 @@ async def test_on_a_result_any_effect_is_tried_and_none_adopted(tmp_path: Path) 
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
         page = await tried(pilot, interface)
-        assert page.choice.standing == "undiagnosed"
+        assert page.effect_choice.standing == "undiagnosed"
         assert page.trial.subset == "both"
         await pressed(pilot, page, "right")
         await pilot.press("enter")

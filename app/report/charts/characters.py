@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.report.charts.charts import (
+    CUT,
     Chart,
     Drawing,
     Series,
@@ -37,6 +38,9 @@ FRAME = 2
 FRAME_COLUMNS = FRAME + 6
 FRAME_ROWS = FRAME + 3
 """What frame, numbers, title and legend take away from the points."""
+
+BLANK = "\u2800"
+"""Of Braille without dots: plotext takes blanks for no word."""
 
 NOTHING = "nothing measured yet"
 
@@ -96,11 +100,10 @@ class Canvas:
             self._draw_in_space(chart)
             return
         if not chart.series:
-            plot.title(f"{chart.heading}: {NOTHING}")
+            room = self.width - FRAME - len(f": {NOTHING}")
+            plot.title(f"{chart.heading_within(room)}: {NOTHING}")
             return
         chart = self._named(chart)
-        plot.title(chart.heading)
-        plot.xlabel(self._legend(chart))
         if self._on_its_side(chart):
             self._scale_on_side(chart)
             self._points(turned(chart, self._rows).series)
@@ -122,7 +125,7 @@ class Canvas:
         return self.height - FRAME_ROWS
 
     def _narrow(self, chart: Chart) -> bool:
-        return self._columns < len(chart.x_names) * chart.x_label_cells
+        return 0 < len(chart.x_names) * chart.x_label_cells > self._columns
 
     def _on_its_side(self, chart: Chart) -> bool:
         """Names that do not fit beside each other stand below each other, given the rows."""
@@ -135,17 +138,30 @@ class Canvas:
         of_groups = grouped(chart)
         return chart if self._narrow(of_groups) else of_groups
 
-    def _legend(self, chart: Chart) -> str:
+    def _say(self, chart: Chart, beside: Sequence[str] = ()) -> None:
+        """Title and legend; plotext leaves out what it cannot centre between the numbers.
+
+        With a word above the drawing, here a blank one, a title begins at the edge.
+        """
+        room = self.width - max(map(len, beside), default=0)
+        self.plot.xlabel(self._legend(chart, room))
+        if len(chart.heading) > room:
+            self.plot.xlabel(BLANK, xside="upper")
+        self.plot.title(chart.heading_within(self.width))
+
+    def _legend(self, chart: Chart, room: int) -> str:
         marked = zip(marks_of(chart.series, MARKERS), chart.series, strict=True)
         legend = "   ".join(f"{marker} {series.name}" for marker, series in marked if series.name)
         legend_line = f"{chart.x_words}   {legend}" if chart.x_words else legend
-        return legend_line if len(legend_line) <= self.width else legend
+        shown = legend_line if len(legend_line) <= room else legend
+        return shown if len(shown) <= room else shown[: room - len(CUT)] + CUT
 
     def _scale_upright(self, chart: Chart) -> None:
         plot, ticks = self.plot, chart.y_ticks()
         plot.ylim(*even_limits(ticks, self._rows))
         labelled = spread(ticks, self._rows, 2)
         labels = tick_labels(labelled)
+        self._say(chart, labels)
         plot.yticks(list(labelled), labels)
         lower, upper = chart.x_limits(self._columns_beside(labels))
         plot.xlim(lower, upper)
@@ -159,6 +175,7 @@ class Canvas:
 
     def _scale_on_side(self, chart: Chart) -> None:
         plot, ticks = self.plot, chart.y_ticks()
+        self._say(chart, chart.x_names)
         plot.xlim(*even_limits(ticks, self._columns_beside(chart.x_names)))
         labelled = spread(ticks, self._columns, label_cells(tick_labels(ticks)))
         plot.xticks(list(labelled), tick_labels(labelled))
@@ -184,8 +201,6 @@ class Canvas:
                 self.plot.scatter(x, y, marker=DOTS[stroke.style], color=colour)
 
     def _draw_in_space(self, chart: Drawing) -> None:
-        self.plot.title(chart.heading)
-        self.plot.xlabel(self._legend(chart))
         self._scale_drawing(chart)
         self._strokes(chart)
         self._points(chart.series)
@@ -199,6 +214,7 @@ class Canvas:
         plot.xlim(*across)
         plot.ylim(*upwards)
         if not chart.scaled:
+            self._say(chart)
             plot.frame(False)
             plot.xticks([])
             plot.yticks([])
@@ -206,7 +222,9 @@ class Canvas:
         ticks = ticks_within(across, max(2, columns // LABEL_CELLS))
         plot.xticks(list(ticks), tick_labels(ticks) if ticks else [])
         ticks = ticks_within(upwards, max(2, self._rows // LABELLED_ROWS))
-        plot.yticks(list(ticks), tick_labels(ticks) if ticks else [])
+        labels = tick_labels(ticks) if ticks else []
+        self._say(chart, labels)
+        plot.yticks(list(ticks), labels)
 
 
 def marks_of(several: Sequence[Series], usual: Sequence[str]) -> list[str]:

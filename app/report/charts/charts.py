@@ -22,6 +22,9 @@ NOISE = "noise"
 CELL_HEIGHT = 2.0
 """A cell of a terminal is about twice as high as it is wide."""
 
+CUT, LEAST_NAME = "…", 2
+"""What a title ends with that does not fit, and the fewest letters of a name that are left."""
+
 MARGIN = 0.04
 """Room around what is drawn, as a share of it."""
 
@@ -83,6 +86,16 @@ class Chart:
     def heading(self) -> str:
         """The title with the unit of the values."""
         return f"{self.title}, {self.y_words}"
+
+    def heading_within(self, cells: int) -> str:
+        """The same in so many cells: what stands first in the title is cut, never the unit."""
+        excess = len(self.heading) - cells + len(CUT)
+        if excess <= len(CUT):
+            return self.heading
+        first, comma, others = self.title.partition(", ")
+        if len(first) - excess >= LEAST_NAME and comma:
+            return f"{first[:-excess]}{CUT}, {others}, {self.y_words}"
+        return f"{self.title[:-excess]}{CUT}, {self.y_words}"
 
     def x_ticks(self) -> tuple[float, ...]:
         """Round numbers, or the places of the names."""

@@ -28,8 +28,13 @@ class Person(Protocol):
     ) -> Answer | None:
         """One of these answers, each with its words; that ``at`` a place is proposed."""
 
-    async def line(self, question: str, hint: str) -> str | None:
-        """What is typed."""
+    async def line(
+        self, question: str, hint: str, without: str = "", proposed: str = ""
+    ) -> str | None:
+        """What is typed; ``without`` are words for what happens without it."""
+
+    def say(self, text: str) -> None:
+        """What happened last; keys are ids in braces."""
 
 
 @dataclass(frozen=True)

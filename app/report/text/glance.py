@@ -23,6 +23,7 @@ class Done(StrEnum):
 
     DIAGNOSED = "diagnosed"
     EXPORTED = "exported"
+    REPORTED = "reported"
 
 
 WORTHLESS = "WARNING: not to be entered, the tool would not become more accurate:"
@@ -77,20 +78,24 @@ def next_text(
     solved: SessionSolution, done: Collection[Done], *, exports: bool, measures: bool
 ) -> str:
     """What to do next with this result; nothing where nothing can be done from here."""
-    if solved.lacks_something and not done:
+    if solved.lacks_something and not {*done} - {Done.REPORTED}:
         return "Next: {result.diagnose} looks for what is missing from the model."
     if not exports:
         return ""
     if not solved.entered.helps:
-        return f"Next: {MORE_THAN_OFFSETS if solved.corrections.more_helps else LEAVE_AS_IT_IS}"
+        leave = LEFT_AS_IT_IS if Done.REPORTED in done else LEAVE_AS_IT_IS
+        return f"Next: {MORE_THAN_OFFSETS if solved.corrections.more_helps else leave}"
     if Done.EXPORTED in done:
-        return f"Next: enter the values in the controller; {AGAIN if measures else REPORT}"
+        then = AGAIN if measures else PRINT if Done.REPORTED in done else REPORT
+        return f"Next: enter the values in the controller; {then}"
     return "Next: {result.export} writes these values as files for the controller."
 
 
 AGAIN = "then {result.verify} measures again and compares."
 REPORT = "{result.report} writes the report to sign."
+PRINT = "print the report and sign it."
 LEAVE_AS_IT_IS = f"change nothing in the controller; {REPORT}"
+LEFT_AS_IT_IS = f"change nothing in the controller; {PRINT}"
 MORE_THAN_OFFSETS = (
     "glidecal export --format writes what the controller can hold beside joint offsets. The "
     "tool becomes more accurate."

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
+from typing import TYPE_CHECKING
 
+from app.planning.hexaslide import Request, measuring
 from app.report.text.tables import PAGE_HELP, new_table, paragraphs, table_text, wrapped
 from calib.arrays import FloatArray
+from calib.errors import UsageError
 from calib.hexaslide.geometry import COORDINATES
 from calib.hexaslide.planning import (
     DIFFERENCE_STEP,
@@ -19,6 +23,9 @@ from calib.hexaslide.planning import (
 )
 from calib.hexaslide.procedures import MEASURABLE_WORDS, ProcedureKind
 from calib.hexaslide.search import BestPostures
+
+if TYPE_CHECKING:  # sessions of legs come with it
+    from app.report.text.errand import Person
 
 PUBLISHED_WORDS = {
     "log10_determinant": "log10 det(JᵀJ)",
@@ -363,11 +370,35 @@ def drawn_at_text(number: int, count: int) -> str:
     return f"Drawn at {where}.{turn * bool(count)}\n{DRAWING_WORDS}"
 
 
-def count_question(fewest: int) -> str:
-    """Asked for the number of postures."""
-    return f"How many postures? {fewest} or more."
+MOST_POSTURES = 200
 
 
-def count_problem(found: str, fewest: int, largest: int) -> str:
-    """A number that is none, too small or too large."""
-    return f"number of postures: found '{found}'; allowed: {fewest} to {largest}"
+async def asked_request(person: Person, what: str, request: Request) -> Request | None:
+    """Another procedure, other components or another machine file; None where it stays as it is.
+
+    An empty line in place of a machine file is the example H60.
+    """
+    if what == "procedure":
+        kinds = [(kind, f"{kind}: {PROCEDURE_WORDS[kind]}") for kind in KINDS]
+        kind = await person.choice(WHICH_PROCEDURE, kinds)
+        return replace(request, procedure=kind, measured=(), known=None) if kind else None
+    if what == "measured":
+        components = ",".join(request.measured or ("x", "y", "z", "theta"))
+        text = await person.line(WHICH_COMPONENTS, "x,y,z,theta", proposed=components)
+        return measuring(request, text) if text else None
+    now = str(request.machine_file or "")
+    text = await person.line(WHICH_MACHINE, "path", proposed=now)
+    if text in (None, now):
+        return None
+    return replace(request, machine_file=Path(text).expanduser() if text else None)
+
+
+async def asked_count(person: Person, fewest: int, now: int) -> int | None:
+    """How many postures; None without an answer. Raises UsageError."""
+    question = f"How many postures? {fewest} or more."
+    text = await person.line(question, "number", proposed=str(now))
+    if not text:
+        return None
+    if not text.isdecimal() or not fewest <= int(text) <= MOST_POSTURES:
+        raise UsageError("number of postures", f"'{text}'", f"{fewest} to {MOST_POSTURES}")
+    return int(text)

@@ -66,7 +66,7 @@ def opened_text(plan: Plan, mover: Mover | None) -> str:
     if mover is None:
         return check_text(plan)
     return paragraphs(
-        f"{{check.begin}} begins; nothing moves yet. {QUESTION} Every posture is listed below.",
+        [f"{{check.begin}} begins; nothing moves yet. {QUESTION} Every posture is listed below."],
         _limits_text(plan, mover.facts),
         _postures_text(plan),
         check_text(plan).splitlines(),

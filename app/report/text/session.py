@@ -226,7 +226,7 @@ def leg_table_text(
     """The present leg so far: readings minus the Zero of their cycle, in mm.
 
     Over a plane the far end minus the near one. Columns in the order of ``levels_mm``, whatever was
-    measured again. Six levels, as many as the program's own procedures have, fit in 80 columns.
+    measured again. Six levels, as many as the program's own procedures have, fit in 78 columns.
     """
     measured = [level for row in rows for level in row.minus_zero_mm]
     levels = [v for v in dict.fromkeys([*levels_mm, *measured]) if v or over_plane]
@@ -247,10 +247,21 @@ PLATE_POSITIONS, PLATE_CYCLES = 4, 5
 """So many positions and cycles are shown; with heading and return there is room for six lines."""
 
 
-def so_far_text(session: Session, steps: Sequence[Step], step: Step) -> str:
-    """What was read where a step is, minus the Zero of its cycle, in mm."""
+LINES_THERE = 6
+"""Of the table of readings on the least screen."""
+
+
+def so_far_text(
+    session: Session, steps: Sequence[Step], step: Step, lines_there: int = LINES_THERE
+) -> str:
+    """What was read where a step is, minus the Zero of its cycle, in mm.
+
+    Of a leg the last cycles that fit.
+    """
     rows, geometry = leg_rows(session, step), session.opened.machine.geometry()
     if step.position_mm is None:
+        cycles = max(1, (lines_there - 1) // len(step.axes))
+        rows = [row for axis in step.axes for row in _along(axis, rows)[-cycles:]]
         here = [s for s in steps if (s.leg, s.over_plane) == (step.leg, step.over_plane)]
         levels_mm = [s.displacement_mm for s in here]
         return leg_table_text(rows, levels_mm, geometry, over_plane=step.over_plane)
@@ -264,6 +275,10 @@ def so_far_text(session: Session, steps: Sequence[Step], step: Step) -> str:
         lines.append(f"{position_words(places[k]):<24}{''.join(values)}")
     back = "".join(_cell(row.back_at_zero_mm, 10) for row in last_rows)
     return "\n".join([*lines, f"{'back at Zero':<24}{back}"])
+
+
+def _along(axis: str, rows: Sequence[LegRow]) -> list[LegRow]:
+    return [row for row in rows if row.axis == axis]
 
 
 def _cell(value: float | None, width: int, *, kept: bool = False) -> str:
@@ -354,12 +369,13 @@ def automatic_waits_text(moved: Movement, step: Step, session: Session) -> str:
     if moved is Movement.UNCHANGED:
         move = f"WAIT: no change, so no move to {posture} is seen."
         return move + " If it moved, {measure.take} takes it."
-    move = f"WAIT: readings cannot show the move to {posture}."
-    return move + " {measure.take} or the button takes it."
+    move = f"WAIT: readings cannot show the move to {posture}: press"
+    return move + " {measure.take} or the button at the indicator."
 
 
 PRESSED = {
     Press.ON_HOLD: "WAIT: on hold, nothing is taken. Press {goes_on} to continue.",
+    Press.LACKS_VALUE: "WAIT: nothing is taken while an indicator of the step gives no value.",
     Press.MOVES: "WAIT: the readings move. Press {measure.take} again to take them anyway.",
 }
 SETTLED = "The readings are stable now: {measure.take} takes them."

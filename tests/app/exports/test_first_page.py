@@ -43,7 +43,10 @@ def test_next_is_always_the_next_thing(solved: Callable[[str], SessionSolution])
     assert key(sound) == "export"
     assert key(sound, Done.EXPORTED) == "verify"
     assert key(sound, Done.EXPORTED, measures=False) == "report"
+    assert key(sound, Done.EXPORTED, Done.REPORTED) == "verify"
+    assert key(sound, Done.EXPORTED, Done.REPORTED, measures=False) == "", "it is written"
     assert key(doubtful) == "diagnose"
+    assert key(doubtful, Done.REPORTED) == "diagnose"
     assert key(doubtful, Done.DIAGNOSED) == "export"
     assert key(doubtful, Done.DIAGNOSED, Done.EXPORTED) == "verify"
     assert next_text(sound, (), exports=False, measures=True) == ""
@@ -63,6 +66,8 @@ def test_what_is_not_to_be_entered_is_not_added(
             assert (" enter  " in page) == helps, "no heading asks for what is not entered"
             next_words = page[page.index("\nNext:") :]
             assert ("enter the values" in next_words or "{result.export}" in next_words) == helps
+        reported = glance_text(sound, sound, (Done.REPORTED,), 76, exports=True, measures=True)
+        assert helps or "{result.report}" not in reported, "it is written"
 
 
 @pytest.mark.parametrize("columns", [36, 76])

@@ -72,6 +72,10 @@ def test_by_itself_what_does_not_move_is_told_once(
     assert driven.by_itself([shown(Motion.STABLE), shown(Motion.MOVING)]) is None
     assert driven.by_itself(rest) is Movement.UNCHANGED
     assert driven.by_itself(rest) is None
+    moved[0] = Movement.UNKNOWN
+    assert driven.by_itself(rest) is Movement.UNKNOWN
+    by: TakenBy = driven.taken_by
+    assert by is TakenBy.HAND, "the step says the same as the line below it"
     moved[0] = Movement.SEEN
     assert driven.by_itself(rest) is Movement.SEEN
     driven.by_hand()
@@ -86,4 +90,5 @@ def test_a_fault_is_taken_at_once_to_be_shown(
     assert driven.ready_by_hand()
     monkeypatch.setattr(driven, "live", lambda: [fault, shown(Motion.MOVING)])
     assert not driven.ready_by_hand()
-    assert driven.press(busy=False) is Press.MOVES
+    assert driven.press(busy=False) is Press.LACKS_VALUE
+    assert driven.press(busy=False) is Press.LACKS_VALUE, "no second press takes the other one"

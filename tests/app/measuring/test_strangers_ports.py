@@ -16,8 +16,7 @@ from app.measuring.opening import opened_event
 from app.measuring.plan import PortsUnknown, plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog, Interface, TextDialog
-from app.screens.start import Glidecal
+from app.screens.interface import ChoiceDialog, Glidecal, TextDialog
 from calib.errors import IndicatorError, UsageError
 from drivers.port import open_port
 from drivers.profiles import profile_named
@@ -201,7 +200,7 @@ def test_the_digest_of_a_computer_does_not_name_it() -> None:
     assert platform.node() not in this_computer()
 
 
-async def to_continue(pilot: Pilot[str], interface: Interface) -> None:
+async def to_continue(pilot: Pilot[str], interface: Glidecal) -> None:
     """The session without a reading stands with the others: it is continued by its choices."""
     await pilot.press("enter")
     await until(pilot, "choices", lambda: isinstance(interface.screen, ChoiceDialog))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,33 +14,11 @@ from app.report.text.errand import Errand, SessionChoice, plan_to_go_on
 from calib.errors import RecordError, UsageError
 from protocols.machine import Instrument
 from tests.app.posture_sessions import posture_session
+from tests.app.report.scripted import Scripted
 from tests.recorded import opened, write
 
 Answer = TypeVar("Answer")
 BEFORE, AFTER = "before.jsonl", "after.jsonl"
-
-
-class Scripted:
-    """A person who gives these answers: the beginning of a row's words, or what is typed."""
-
-    def __init__(self, *answers: str | None) -> None:
-        self._answers, self.questions = list(answers), list[str]()
-        self.offered, self.proposed = list[list[str]](), list[str]()
-
-    async def choice(
-        self, question: str, answers: Sequence[tuple[Answer, str]], at: int = 0
-    ) -> Answer | None:
-        self.questions.append(question)
-        self.offered.append([words for _, words in answers])
-        self.proposed.append(answers[at][1])
-        beginning = self._answers.pop(0)
-        if beginning is None:
-            return None
-        return next(answer for answer, words in answers if words.startswith(beginning))
-
-    async def line(self, question: str, hint: str) -> str | None:
-        self.questions.append(question)
-        return self._answers.pop(0)
 
 
 @pytest.fixture

@@ -1,0 +1,156 @@
+"""What an operator may correct in a session: what is asked, and what is written."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import partial
+
+from app.measuring.indicators import ports_to_choose
+from app.measuring.lost import LostIndicators
+from app.measuring.session import GuidedSession
+from app.report.text import motion, questions
+from app.report.text import session as texts
+from app.report.text.errand import Person
+from calib.errors import GlidecalError
+
+
+async def other_port(
+    person: Person, name: str, adapter: str, used: Collection[str], none: str
+) -> str | None:
+    """At which port an indicator is now, by its name and that of its adapter.
+
+    ``none`` is said where no port is free; None there, and where the question is left.
+    """
+    if ports := ports_to_choose(adapter, used):
+        choices = questions.port_choices(ports, adapter)
+        return await person.choice(questions.port_question(name), choices)
+    person.say(none)
+    return None
+
+
+@dataclass(frozen=True)
+class Correcting:
+    """The ``person`` who attends a session corrects it.
+
+    Each correction returns whether anything is another now; those raise RecordError of a disk that
+    refuses.
+    """
+
+    person: Person
+    guided: GuidedSession
+
+    async def undo(self) -> bool:
+        """Measure the last step again; its readings stay in the record, superseded.
+
+        Asks as `earlier` does where the stand has left it: then more than this step is measured
+        again.
+        """
+        guided = self.guided
+        last = guided.last_step
+        if last is None:
+            return False
+        if len(guided.steps_repeated_with(last)) > 1:
+            return await self._bring_back(last)
+        self.person.say(questions.next_again_text(guided.undo()))
+        return True
+
+    async def earlier(self) -> bool:
+        """Choose any earlier step: measure it again, or let superseded readings count again."""
+        guided = self.guided
+        points = guided.begun_steps()
+        if not points:
+            return False
+        choices = [(step.number, texts.point_text(step, guided.session)) for step in points]
+        step = await self.person.choice(questions.WHICH_STEP, choices, len(choices) - 1)
+        return step is not None and await self._bring_back(step)
+
+    async def skip(self) -> bool:
+        """The present step, or the rest of its leg."""
+        guided = self.guided
+        step = guided.step()
+        if step is None:
+            return False
+        steps = [following.number for following in guided.rest_of_place()]
+        choices = questions.skip_choices(step, steps)
+        numbers = await self.person.choice(questions.WHAT_TO_SKIP, choices)
+        if not numbers:
+            return False
+        skip = partial(guided.skip, numbers)
+        return await self._with_reason(questions.WHY_SKIP, skip, questions.SKIPPED)
+
+    async def remount(self) -> bool:
+        """The stand was moved: later readings have a new zero. Asks first."""
+        answer = await self.person.choice(questions.MOVED_QUESTION, questions.MOVED_CHOICES)
+        if answer != "moved":
+            return False
+        self.guided.remount()
+        self.person.say(questions.MOVED)
+        return True
+
+    async def proof(self) -> bool:
+        """What the operator saw of a carriage that indicators cannot tell."""
+        mover = self.guided.mover
+        if mover and mover.unproved and (question := mover.unproved.question):
+            answer = await self.person.choice(question, motion.SAW_CHOICES)
+            if answer is not None:
+                self.guided.answer_proof(yes=answer == "yes")
+        return False
+
+    async def homing(self) -> bool:
+        """Whether the machine was homed since it was switched on, or shall be now."""
+        answer = await self.person.choice(motion.HOMED_QUESTION, motion.HOMED_CHOICES)
+        if self.guided.mover and answer == "homed":
+            self.guided.mover.confirm_homed()
+        elif self.guided.mover and answer == "home":
+            self.guided.mover.home()
+        self.guided.note(f"homing: {answer or 'not answered'}")
+        return False
+
+    async def port(self, lost: LostIndicators) -> tuple[int, str] | None:
+        """The first indicator that is lost is read at another port from here on: which, and where.
+
+        None where it is not.
+        """
+        if not lost.ports:
+            self.person.say(questions.NO_PORT_LOST)
+            return None
+        number, gauges = min(lost.ports), self.guided.gauges
+        used, adapter = [gauge.port for gauge in gauges], gauges[number].adapter
+        name, none = self.guided.name_of(number), questions.NO_OTHER_PORT
+        port = await other_port(self.person, name, adapter, used, none)
+        if port is None:
+            return None
+        try:
+            await asyncio.to_thread(self.guided.go_on_at, number, port)
+        except GlidecalError as problem:
+            self.person.say(f"FAULT: {problem}")
+            return None
+        return number, port
+
+    async def _bring_back(self, step: int) -> bool:
+        guided = self.guided
+        session = guided.session
+        if any(r.step == step for r in session.readings) or step in session.skipped:
+            gone = len(guided.steps_repeated_with(step))
+            question = questions.again_question(step, step in session.skipped, gone)
+            words = f"Step {step} is measured again: {{}}"
+            return await self._with_reason(question, partial(guided.repeat, step), words)
+        question = questions.RESTORE_QUESTION.format(step, guided.why_superseded(step))
+        if await self.person.choice(question, questions.RESTORE_CHOICES) != "use":
+            return False
+        counts = guided.restore(step, "restored by the operator")
+        self.person.say(questions.RESTORED[counts].format(step))
+        return True
+
+    async def _with_reason(
+        self, question: str, writing: Callable[[str], object], words: str
+    ) -> bool:
+        """Ask for a reason and write it, then tell so; without one nothing changes."""
+        as_before = questions.as_before_words(self.guided.step())
+        reason = await self.person.line(question, "reason", as_before)
+        if reason:
+            writing(reason)
+        self.person.say(words.replace("{}", reason) if reason else as_before.capitalize())
+        return bool(reason)

@@ -64,7 +64,7 @@ def measure_all(
     while (step := guided.step()) is not None:
         guided.go()
         if mover is None:
-            _take_simulated(guided)
+            take_simulated(guided)
             continue
         _go(guided, mover, step, confirm, saw)
         step_taken = _taken(guided, step)
@@ -101,7 +101,8 @@ def home(mover: Mover, tell: Callable[[str], None]) -> None:
         raise
 
 
-def _take_simulated(guided: GuidedSession) -> None:
+def take_simulated(guided: GuidedSession) -> None:
+    """The present step of a simulated machine, kept whatever it shows. Raises IndicatorError."""
     step_taken = guided.take()
     if step_taken is not None and step_taken.faults:
         raise IndicatorError("simulated indicator", step_taken.faults[0].words, "a reading")

@@ -23,7 +23,7 @@ class ChartPlot(PlotextPlot):
 
     def __init__(self, chart: Chart | None = None, plot_id: str | None = None) -> None:
         super().__init__(id=plot_id)
-        self._chart = chart
+        self.chart = chart
         self._drawn: tuple[Chart | None, Size] | None = None
         self._picture: RenderResult = ""
 
@@ -37,21 +37,21 @@ class ChartPlot(PlotextPlot):
         self.refresh()
 
     def show(self, chart: Chart) -> None:
-        if chart != self._chart:
-            self._chart = chart
+        if chart != self.chart:
+            self.chart = chart
             self.refresh()
 
     def follow(self, chart: Chart) -> None:
         """Show a chart whose values move: the scale of before stays, and only grows."""
-        self.show(chart if self._chart is None else chart.as_tall_as(self._chart))
+        self.show(chart if self.chart is None else chart.as_tall_as(self.chart))
 
     def render(self) -> RenderResult:
         """The picture of before where chart, size and theme are those of before."""
-        if self._chart is None:
+        if self.chart is None:
             return ""
-        key = (self._chart, self.size)
+        key = (self.chart, self.size)
         if key != self._drawn:
-            Canvas(self.plt, *self.size, self._colour).draw(self._chart)
+            Canvas(self.plt, *self.size, self._colour).draw(self.chart)
             self._picture, self._drawn = super().render(), key
         return self._picture
 

@@ -94,7 +94,7 @@ class ReplayScreen(MainScreen[None]):
                 listing.clear()
             listing.write_lines(lines[listing.line_count :])
 
-    def action_playback(self, what: str, *to: int) -> None:
+    def action_playback(self, what: str, *to: int | str) -> None:
         """Play or pause, step, play faster, or go to a frame, as the playback calls it."""
         getattr(self.playback, what)(*to)
         self._show()

@@ -174,4 +174,4 @@ async def test_the_browser_gets_report_and_history(session: Path) -> None:
         history = await (await client.get(addresses["History of this folder"])).text()
         assert "hexaslide-h60, simulated: 1 session" in history
         index = await (await client.get("/reports")).text()
-        assert "</a></td><td>24 readings, closed</td><td>hexaslide-h60</td>" in index
+        assert "</a></td><td>24 readings, closed</td><td>hexaslide-h60, simulated</td>" in index

@@ -194,8 +194,8 @@ def of_widget(widget: Widget, place: MapGeometry) -> Iterator[str]:
     for title in (widget.border_title, widget.border_subtitle):
         if title and cell_len(str(title)) > region.width - TITLE_EDGES:
             yield f"title {title!r} in {region.width - TITLE_EDGES} cells"
-    if isinstance(widget, ChartPlot) and str(picture := widget.render()) and widget._chart:
-        heading, title = widget._chart.heading, str(picture).splitlines()[0].strip()
+    if isinstance(widget, ChartPlot) and str(picture := widget.render()) and widget.chart:
+        heading, title = widget.chart.heading, str(picture).splitlines()[0].strip()
         yield from [f"title {title!r} of {heading!r}"] * (not tells(title, heading))
     if isinstance(widget, Static) and str(widget.content):
         words, rules = widget.visual, widget.styles.get_rules()
@@ -351,8 +351,7 @@ async def test_no_table_of_a_leg_is_cut(procedure: str) -> None:
         for size in SIZES:
             await pilot.resize_terminal(*size)
             for number in last.values():
-                screen.playback.jump_to(str(number))
-                screen._show()
+                screen.action_playback("jump_to", str(number))
                 assert not (cuts := await look(pilot, interface)), (size, number, cuts)
                 table = str(screen.query_one("#table", Static).content).splitlines()
                 shown = "\n".join(rows(screen))

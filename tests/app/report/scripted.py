@@ -12,7 +12,7 @@ class Scripted:
     """A person who gives these answers: the beginning of a row's words, or what is typed."""
 
     def __init__(self, *answers: str | None) -> None:
-        self._answers, self.questions = list(answers), list[str]()
+        self.answers, self.questions = list(answers), list[str]()
         self.offered, self.proposed = list[list[str]](), list[str]()
         self.lines = list[str]()
 
@@ -22,7 +22,7 @@ class Scripted:
         self.questions.append(question)
         self.offered.append([words for _, words in answers])
         self.proposed.append(answers[at][1])
-        beginning = self._answers.pop(0)
+        beginning = self.answers.pop(0)
         if beginning is None:
             return None
         return next(answer for answer, words in answers if words.startswith(beginning))
@@ -31,7 +31,7 @@ class Scripted:
         self, question: str, hint: str, without: str = "", proposed: str = ""
     ) -> str | None:
         self.questions.append(question)
-        return self._answers.pop(0)
+        return self.answers.pop(0)
 
     def say(self, text: str) -> None:
         self.lines.append(text)

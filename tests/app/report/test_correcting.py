@@ -11,7 +11,7 @@ import pytest
 
 from app.measuring import indicators
 from app.measuring.session import GuidedSession
-from app.measuring.unattended import _take_simulated
+from app.measuring.unattended import take_simulated
 from app.planning.hexaslide import Request
 from app.report.text.correcting import Correcting, other_port
 from app.report.text.hexaslide import MOST_POSTURES, asked_count, asked_request
@@ -31,7 +31,7 @@ def measure(guided: GuidedSession) -> None:
     """Every step; the record stays open."""
     while guided.step() is not None:
         guided.go()
-        _take_simulated(guided)
+        take_simulated(guided)
 
 
 def test_a_step_is_measured_again_with_a_reason_or_not_at_all(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ def folder(tmp_path: Path, samples: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
 
 async def errand(person: Scripted, what: str, path: str = "") -> Errand | None:
     errand = await SessionChoice(person, recent_sessions(Path())).errand(what, path)
-    assert not person._answers, "every answer was asked for"
+    assert not person.answers, "every answer was asked for"
     return errand
 
 

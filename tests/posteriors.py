@@ -19,8 +19,9 @@ from calib.posterior.posterior import posterior
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import Effect
 
-IN_MEMORY = 12
-"""So many, the ones that were asked for last; each has up to 30 MB."""
+IN_MEMORY = 4
+"""So many, the ones that were asked for last; with all that is worked out from it one may have
+hundreds of MB."""
 
 POSTERIORS: OrderedDict[bytes, Posterior] = OrderedDict()
 """By what they were worked out from, as bytes."""

@@ -176,7 +176,10 @@ def table_of(model: Model, joint: int) -> Table | None:
     """
     fine = _judged_mm(model.geometry)[:, joint]
     errors = [error[:, joint] for error in _added_mm(model)]
-    largest_mm = max(np.abs(error).max() for error in errors)
+    thing, allowed = f"compensation table of joint {LEG_NAMES[joint]}", "one that changes less"
+    largest_mm = float(np.abs(errors).max())
+    if not np.isfinite(largest_mm):
+        raise ImpossibleRequest(thing, "an error without end over the travel", allowed)
     if largest_mm < NOTHING_MM:
         return None
     for count in range(2, MOST_POINTS + 1):
@@ -187,10 +190,9 @@ def table_of(model: Model, joint: int) -> Table | None:
             return table
     if left_mm < LEFT_BY_TABLE * largest_mm:
         return table
+    left_words = f"leave {1e3 * left_mm:.3g} of {1e3 * largest_mm:.3g} µm"
     raise ImpossibleRequest(
-        f"compensation table of joint {LEG_NAMES[joint]}",
-        f"{MOST_POINTS} points, which leave {1e3 * left_mm:.3g} of {1e3 * largest_mm:.3g} µm",
-        "an error that changes less over the travel",
+        thing, f"an error of which {MOST_POINTS} points {left_words}", f"{allowed} over the travel"
     )
 
 
@@ -377,6 +379,7 @@ def _judged_mm(geometry: Geometry) -> FloatArray:
 
 
 @lru_cache(maxsize=4)
+@np.errstate(over="ignore", invalid="ignore")  # a law that runs away: no table follows it
 def _added_mm(model: Model) -> tuple[FloatArray, FloatArray]:
     """What effects add to d_rho ``(JUDGED_POINTS, 3)``, reached upwards and downwards.
 

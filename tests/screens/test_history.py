@@ -173,7 +173,7 @@ async def test_a_machine_of_thirty_is_chosen(size: tuple[int, int]) -> None:
         await pilot.press("minus")
         await pilot.pause()
         title = str(screen.query(ChartPlot).first().render()).splitlines()[0]
-        assert ("machine 11, joint z" in title) == (size == SIZE), "no room: left out"
+        assert "machine 11, joint z" in title, "where there is little room, too"
         assert ("(3 of 3)" in title) == (size == SIZE)
         await pilot.press("1")
         await until(pilot, "machines", lambda: page(screen) == "machines" and machines.has_focus)

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from app.evaluating.solution import solve_files
+from calib.tripod.geometry import PARAMETER_NAMES
 from tests.app.cli import glidecal, refused
 from tests.conftest import LONG
 
@@ -174,12 +176,11 @@ def test_adopting_states_fitted_offsets_and_none_that_nobody_fitted(tmp_path: Pa
     sessions = (tmp_path / "a.jsonl", tmp_path / "b.jsonl")
     assert glidecal("diagnose", sessions[0], "--adopt", model_of_one).status == 0
     assert glidecal("diagnose", *sessions, "--adopt", model_of_both).status == 0
-    arguments = ("--model", model_of_one, "--subset", "joint-offsets", "--json")
-    alone = json.loads(glidecal("solve", sessions[0], *arguments).out)
+    solved = solve_files([sessions[0]], model=model_of_one)
     stated = json.loads(model_of_one.read_text())["parameters_mm"]
-    fitted = {name: parameter["value"] for name, parameter in alone["parameters"].items()}
-    assert {name: stated[name] for name in D_RHO} == pytest.approx(fitted, abs=1e-6)
-    assert [size["name"] for size in alone["effects"]] == ["backlash x: play"]
+    expected = dict(zip(PARAMETER_NAMES, solved.posterior.mean.tolist(), strict=False))
+    assert stated == pytest.approx(expected, abs=1e-4)  # about a mean, not about the file
+    assert [size.name for size in solved.solution.sizes] == ["backlash x: play"]
     assert json.loads(model_of_both.read_text())["parameters_mm"] == {}
     (tmp_path / "m.ini").write_text(INI)
     export = ("export", model_of_both, "--format", "linuxcnc", "--ini", tmp_path / "m.ini")

@@ -229,7 +229,7 @@ def test_an_error_that_no_table_follows_is_refused_as_the_page_says(tmp_path: Pa
     (tmp_path / "screw.json").write_text(json.dumps(document), encoding="utf-8")
     ini = written(tmp_path, INI.replace("COMP_FILE = z.comp\n", ""))
     options = ("--format", "linuxcnc", "--ini", ini, "-o", tmp_path / "out")
-    assert "256 points, which leave" in refused(2, "export", tmp_path / "screw.json", *options)
+    assert "256 points leave" in refused(2, "export", tmp_path / "screw.json", *options)
     page = " ".join((ROOT / "docs" / "export.md").read_text(encoding="utf-8").split())
     (exit_2,) = re.findall(r"Also exit 2: ([^.]*)\.", page)
     assert "an error of which 256 points of a table leave a tenth" in exit_2

@@ -49,9 +49,6 @@ DOUBTED = 0.05
 EVEN = 0.5
 """Probability of a larger error from which on a gain that few models expect is no reason."""
 
-FELT_MM = 1e-4
-"""R.m.s. at the tool: a part that does less is none, such as a play of 20 nm beside another one."""
-
 MAP_POINTS = 5
 """Along each side of a map of the tool's error."""
 
@@ -193,9 +190,6 @@ def correction(
             left_out += [LeftOut(part[0], reason)] if reason else []
             fitting += [] if reason else [part]
         projected = _projected(likeliest, [*corrected, *fitting], frame)
-        felt = [part for part in fitting if _does_mm(likeliest, projected, part) > FELT_MM]
-        if corrected and len(felt) < len(fitting):
-            fitting, projected = felt, _projected(likeliest, [*corrected, *felt], frame)
         worth = WORTH_A_TABLE if tabled and group == "tables" else WORTH
         if corrected and fitting and (reason := doubt(errors, projected, values, worth)):
             left_out.append(LeftOut(group, reason))
@@ -208,13 +202,6 @@ def correction(
         model_of(posterior, values),
         tuple(left_out),
     )
-
-
-def _does_mm(posterior: Posterior, values: FloatArray, part: Part) -> float:
-    """What a part of these values does at the tool, r.m.s. in the machine's own frame."""
-    alone = np.zeros(len(values))
-    alone[list(part[1])] = values[list(part[1])]
-    return math.sqrt(mean_square(posterior.field.metrics["machine"], alone))
 
 
 def projector_of(field: ToolField, index: Sequence[int], frame: Frame) -> FloatArray:

@@ -185,12 +185,3 @@ def test_offsets_that_changed_between_sessions_are_told(tmp_path: Path) -> None:
     again = simulated(tmp_path / "again.jsonl", "two-station", tmp_path / "0.json", 9)
     alike = [paths[0], again]
     assert not any("changed by" in line for line in caveats(solve_files(alike)))
-
-
-def test_a_part_that_nobody_would_feel_is_not_entered(tmp_path: Path) -> None:
-    play = entry("backlash", "x", "play", 0.06, "mm")
-    bend = entry("straightness", "yz", "sideways_at_100mm", 0.08, "mm")
-    session = hidden(tmp_path, "two-station", play, bend)
-    entered = solve_files([session], holds="play").correction.values
-    assert [name for name in entered if "play" in name] == ["backlash x: play"]
-    assert entered["backlash x: play"].value == pytest.approx(0.06, abs=0.003)

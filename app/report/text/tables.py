@@ -106,15 +106,15 @@ def hanging(line: str, indent: str) -> str:
 
     The id of a key has the width of a letter: that is what most keys have that take its place.
     """
-    ids = iter(KEY_ID.findall(line))
+    ids = iter([hit[0] for hit in KEPT_WHOLE.finditer(line)])
     broken = fill(
-        KEY_ID.sub(ONE_LETTER, line),
+        KEPT_WHOLE.sub(ONE_LETTER, line),
         WIDTH,
         subsequent_indent=indent,
         break_long_words=False,
         break_on_hyphens=False,
     )
-    return re.sub(ONE_LETTER, lambda _: f"{{{next(ids)}}}", broken)
+    return re.sub(ONE_LETTER, lambda _: next(ids), broken)
 
 
 def free_words(degrees: float) -> str:
@@ -130,11 +130,14 @@ PAGE_HELP = """\
 Up and down, Page up and Page down scroll a text."""
 """What keys do on every screen of pages; ids of bindings in braces."""
 
-ONE_LETTER = "\ue000"
-"""Of private use: no text has it."""
-
 KEY_ID = re.compile(r"\{([a-z_-]+\.[a-z0-9_-]+)\}")
 """A key in a text for people, by the id of its binding."""
+
+ONE_LETTER = "\ue000"
+"""Of private use: a name may have it, and then it takes its own place."""
+
+KEPT_WHOLE = re.compile(f"{KEY_ID.pattern}|{ONE_LETTER}")
+"""What has the width of one letter while a line is broken."""
 
 
 def keyed(text: str, key: Callable[[str], str | None]) -> str:

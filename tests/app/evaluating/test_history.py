@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from app.evaluating import history
@@ -467,6 +467,7 @@ def test_effects_are_diagnosed_where_asked_for(tmp_path: Path) -> None:
 
 
 @given(words=st.text(max_size=30))
+@example(words="\ue000 {page.next} \ue000")  # what lines have for a key while they are broken
 @settings(max_examples=100)
 def test_hostile_names_are_inert(words: str) -> None:
     entry = Entry(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,6 +48,11 @@ class Weighted:
         variance[: len(self.base)] += (self.base**2).sum(axis=1)
         return np.asarray(self.inflated**2 * variance)
 
+    def variance_of(self, rows: FloatArray) -> FloatArray:
+        """Of combinations ``(m, b + r)`` of the values ``(m,)``."""
+        roots = rows @ self.sizes, rows[:, : len(self.base)] @ self.base
+        return np.asarray(self.inflated**2 * sum((root**2).sum(axis=1) for root in roots))
+
     @property
     def covariance(self) -> FloatArray:
         """Of the values ``(b + r, b + r)``."""
@@ -79,6 +85,19 @@ class LikelyMistake:
     probability: float
 
 
+class Lean(NamedTuple):
+    """A law of the field with a turn, or shift, of the whole machine that may hide beside it."""
+
+    id: str
+    """Of the law; laws of one id are as large as each other, r.m.s."""
+    place: int
+    """Column of the field."""
+    turn: int
+    """Column, from the end of the field."""
+    unit: float
+    """Of the turn."""
+
+
 @dataclass(frozen=True, eq=False)
 class Posterior:
     """What readings tell of the machine.
@@ -109,6 +128,12 @@ class Posterior:
         widths = [len(self.components[k].unit) for k in model.members]
         first = len(model.mean) - sum(widths)
         return [first + sum(widths[:k]) for k in range(len(widths))]
+
+    def placed(self, model: Weighted) -> list[tuple[int, int]]:
+        """All components of a model, those everywhere first, and where the values of each begin."""
+        numbers = *model.everywhere, *model.members
+        ends = np.cumsum([self.parameter_count, *(len(self.components[k].unit) for k in numbers)])
+        return list(zip(numbers, ends.tolist(), strict=False))
 
     @cached_property
     def models_in_field(self) -> list[InField]:
@@ -227,7 +252,7 @@ class Posterior:
         weight = np.array([model.weight for model in self.models])
         pairs = [(model, selected(model)) for model in self.models]
         means = np.array([row @ model.mean for model, row in pairs])
-        variances = np.array([((row @ m.covariance) * row).sum(axis=1) for m, row in pairs])
+        variances = np.array([model.variance_of(row) for model, row in pairs])
         mean = np.asarray(weight @ means)
         return mean, np.sqrt(weight @ (variances + (means - mean) ** 2))
 
@@ -241,12 +266,7 @@ class Posterior:
 
         def selected(model: Weighted) -> FloatArray:
             row = np.zeros((count, len(model.mean)))
-            widths = [len(self.components[k].unit) for k in model.everywhere]
-            starts = np.cumsum([self.parameter_count, *widths])[:-1].tolist()
-            placed = zip(
-                (*model.everywhere, *model.members), [*starts, *self.starts(model)], strict=True
-            )
-            for k, at in placed:
+            for k, at in self.placed(model):
                 for share in self.components[k].shares:
                     if (share.effect, share.place) in laws:
                         row[range(count), [at + value for value in share.values]] += 1.0
@@ -290,18 +310,17 @@ class Posterior:
         deviation = self._unstated[model.everywhere].copy()
         if not self.geometry.common_zero:  # readings are of the tool, in the frame of its plate
             return deviation
-        for k, at in zip(model.members, self.starts(model), strict=True):
-            if leans := self._leans[k]:
-                values = slice(at, at + len(self.components[k].unit))
-                square = model.mean[values] ** 2 + model.variance[values]
-                for column, unit, of_values in leans:
-                    size = unit * math.sqrt(float(square[of_values].mean()))
-                    deviation[column] = math.hypot(deviation[column], size)
-        for places, turns in self._stated_leans:
-            squares = [in_field.mean[at] ** 2 + in_field.variance(at) for at in places]
-            for column, unit in turns:
-                size = unit * math.sqrt(math.fsum(squares) / len(squares))
-                deviation[column] = math.hypot(deviation[column], size)
+        alike: dict[str, dict[int, Lean]] = {}
+        for lean in (
+            *self._stated_leans,
+            *(lean for k in model.members for lean in self._leans[k]),
+        ):
+            alike.setdefault(lean.id, {})[lean.place] = lean
+        for leans in alike.values():
+            squares = [in_field.mean[at] ** 2 + in_field.variance(at) for at in leans]
+            for lean in leans.values():
+                size = lean.unit * math.sqrt(math.fsum(squares) / len(squares))
+                deviation[lean.turn] = math.hypot(deviation[lean.turn], size)
         return deviation
 
     @cached_property
@@ -323,34 +342,25 @@ class Posterior:
         return deviation
 
     @cached_property
-    def _stated_leans(self) -> list[tuple[list[int], list[tuple[int, float]]]]:
-        """The same of effects that the model of the sessions has, by their ids.
-
-        The columns of their sizes in the field; columns and units of the turns and shifts.
-        """
-        leans: dict[str, tuple[list[int], list[tuple[int, float]]]] = {}
-        for instance in effects_of_tool(self.sessions[-1].case.model):
-            if turn := _turn_of(instance.effect, instance.place):
-                places, turns = leans.setdefault(instance.id, ([], []))
-                places.append(self.field.columns_of((instance.effect, instance.place))[0])
-                turns.append(turn)
-        return [*leans.values()]
+    def _stated_leans(self) -> list[Lean]:
+        """Of effects that the model of the sessions has."""
+        stated = effects_of_tool(self.sessions[-1].case.model)
+        return self._leans_of((instance.effect, instance.place) for instance in stated)
 
     @cached_property
-    def _leans(self) -> list[list[tuple[int, float, IntArray]]]:
-        """Turns and shifts of the whole machine that may go with each component.
+    def _leans(self) -> list[list[Lean]]:
+        """Of each component."""
+        return [
+            self._leans_of((share.effect, share.place) for share in component.shares)
+            for component in self.components
+        ]
 
-        The column of the field, its unit, and the values ``(v,)`` that are as large, r.m.s.
-        """
-        leans = []
-        for component in self.components:
-            turns: dict[str, list[tuple[tuple[int, float], tuple[int, ...]]]] = {}
-            for share in component.shares:
-                if turn := _turn_of(share.effect, share.place):
-                    turns.setdefault(share.effect.id, []).append((turn, share.values))
-            alike = {id: np.concatenate([values for _, values in of]) for id, of in turns.items()}
-            leans.append([(*turn, alike[id]) for id, of in turns.items() for turn, _ in of])
-        return leans
+    def _leans_of(self, laws: Iterable[Placed]) -> list[Lean]:
+        return [
+            Lean(law[0].id, self.field.columns_of(law)[0], *turn)
+            for law in laws
+            if (turn := _turn_of(*law))
+        ]
 
     @cached_property
     def distances_left(self) -> FloatArray:
@@ -364,15 +374,13 @@ class Posterior:
         mine = slice(rows.cells, rows.exact)
         design = np.zeros((rows.exact - rows.cells, len(model.mean)))
         design[:, :count] = rows.base[mine]
-        widths = [len(self.components[k].unit) for k in model.everywhere]
-        starts = [*np.cumsum([count, *widths])[:-1], *self.starts(model)]
-        for k, at in zip((*model.everywhere, *model.members), starts, strict=True):
+        for k, at in self.placed(model):
             unit = self.components[k].unit
             columns = self.linear.columns[mine][:, self.linear.index[k]]
             design[:, at : at + len(unit)] = columns / unit
         values = model.mean.copy()
         values[:count] -= rows.value
-        fitted = ((design @ model.covariance) * design).sum(axis=1) / model.inflated**2
+        fitted = model.variance_of(design) / model.inflated**2
         return np.asarray(
             (rows.residual[mine] - design @ values) / np.sqrt(np.maximum(1.0 - fitted, BLIND))
         )

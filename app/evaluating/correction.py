@@ -262,12 +262,12 @@ class ControllerCorrections:
 
     def off(self, model: Model) -> ToolOff:
         """The tool where the controller holds this model. Raises ImpossibleRequest."""
-        return ToolOff(self.posterior, values_of(self.posterior, model))
+        return ToolOff(self.posterior, values_of(self.posterior.field, model))
 
     def off_with_towers(self, entered: Entered, along: Sequence[StageEffect] = ()) -> ToolOff:
         """The tool with values for firmware of printers, effects ``along`` drives in the joints."""
         joints = Model(self.posterior.geometry).with_effects(tuple(along))
-        values = tower_values(self.posterior, entered) + values_of(self.posterior, joints)
+        values = tower_values(self.posterior, entered) + values_of(self.posterior.field, joints)
         return ToolOff(self.posterior, values)
 
     def of_towers(self, entries: TowerEntries) -> TowerCorrection:

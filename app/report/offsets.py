@@ -24,7 +24,8 @@ from app.report.text.correction import (
 from app.version import program
 from calib.errors import RecordError
 from calib.identify.solution import Method, Subset
-from calib.posterior.correction import Holds, ToolOff, offsets_beside
+from calib.posterior.correction import Holds, ToolOff
+from calib.posterior.entered import offsets_beside
 from calib.printable import printable
 from calib.quantity import rows
 from calib.tripod.controller import ControllerJoints

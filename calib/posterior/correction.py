@@ -12,8 +12,8 @@ import numpy as np
 from calib.arrays import FloatArray
 from calib.posterior.cells import BASE
 from calib.posterior.library import POWERS
-from calib.posterior.models import Posterior, effects_of_tool
-from calib.posterior.tool import FRAMES, Frame, ToolField, mean_square, tool_field
+from calib.posterior.models import Posterior
+from calib.posterior.tool import FRAMES, Frame, ToolField, mean_square
 from calib.posterior.tool_errors import ToolErrors
 from calib.tripod.effects.bars import GravitySag
 from calib.tripod.effects.drives import (
@@ -243,24 +243,6 @@ def doubt(
     if float(weight[loss_mm2 < 0.0].sum()) > EVEN and gain < LARGE * without_mm2:
         return "it is likelier to raise the tool's error than to lower it"
     return ""
-
-
-def offsets_beside(kept: Model, machine: Model, frame: Frame) -> tuple[FloatArray, float]:
-    """Joint offsets ``(3,)`` that leave a machine least where the controller holds ``kept``, too.
-
-    With what they leave at the tool, r.m.s. over the workspace in the frame, mm. What is kept is a
-    part of the machine.
-    """
-    laws = dict.fromkeys((each.effect, each.place) for each in effects_of_tool(machine))
-    field = tool_field(machine.geometry, tuple(laws))
-    off, entered = np.zeros((2, field.rows.shape[1]))
-    for model, sign in ((machine, 1.0), (kept, -1.0)):
-        off[:BASE] += sign * np.array(model.parameters_mm)
-        for each in effects_of_tool(model):
-            columns = list(field.columns_of((each.effect, each.place)))
-            off[columns] += sign * np.real(each.values)
-    entered[:3] = projector_of(field, range(3), frame) @ off
-    return entered[:3], math.sqrt(mean_square(field.metrics[frame], off - entered))
 
 
 def model_of(posterior: Posterior, values: FloatArray) -> Model:

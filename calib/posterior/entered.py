@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,8 +11,8 @@ from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import ImpossibleRequest
 from calib.posterior.cells import BASE
 from calib.posterior.correction import projector_of
-from calib.posterior.models import Posterior
-from calib.posterior.tool import Frame
+from calib.posterior.models import Posterior, effects_of_tool
+from calib.posterior.tool import Frame, ToolField, mean_square, tool_field
 from calib.stats import mixture_uncertainties
 from calib.tripod.effects.drives import ActuatorScale, AxisOffset
 from calib.tripod.effects.effect import PER_THOUSAND, EffectInstance
@@ -29,12 +30,12 @@ def nothing_entered(posterior: Posterior) -> FloatArray:
     return np.zeros(posterior.field.rows.shape[1])
 
 
-def values_of(posterior: Posterior, model: Model) -> FloatArray:
+def values_of(field: ToolField, model: Model) -> FloatArray:
     """Parameters and effects of a model in the field ``(6 + k,)``; those of readings are not there.
 
     Raises ImpossibleRequest for an effect of the tool that the field does not know.
     """
-    field, values = posterior.field, nothing_entered(posterior)
+    values = np.zeros(field.rows.shape[1])
     values[:BASE] = model.parameters_mm
     for effect in model.effects:
         if isinstance(effect, EffectInstance) and (effect.effect, effect.place) in field.placed:
@@ -45,6 +46,19 @@ def values_of(posterior: Posterior, model: Model) -> FloatArray:
                 f"effect {effect.id}", "no law of this posterior", "effects of its sessions' model"
             )
     return values
+
+
+def offsets_beside(kept: Model, machine: Model, frame: Frame) -> tuple[FloatArray, float]:
+    """Joint offsets ``(3,)`` that leave a machine least where the controller holds ``kept``, too.
+
+    With what they leave at the tool, r.m.s. over the workspace in the frame, mm. What is kept is a
+    part of the machine.
+    """
+    laws = dict.fromkeys((each.effect, each.place) for each in effects_of_tool(machine))
+    field = tool_field(machine.geometry, tuple(laws))
+    off, entered = values_of(field, machine) - values_of(field, kept), np.zeros(len(field.rows[0]))
+    entered[list(OFFSETS)] = projector_of(field, OFFSETS, frame) @ off
+    return entered[list(OFFSETS)], math.sqrt(mean_square(field.metrics[frame], off - entered))
 
 
 def tower_values(posterior: Posterior, entered: Entered) -> FloatArray:
@@ -65,7 +79,7 @@ def tower_values(posterior: Posterior, entered: Entered) -> FloatArray:
         for name, part in zip(LEG_NAMES, entered.stretch.tolist(), strict=True)
         if part
     ]
-    return values + values_of(posterior, Model(posterior.geometry).with_effects(tuple(scales)))
+    return values + values_of(field, Model(posterior.geometry).with_effects(tuple(scales)))
 
 
 def offset_uncertainties_mm(

@@ -54,7 +54,7 @@ def plain() -> Posterior:
 
 def test_values_of_a_correction_are_those_of_its_model(plain: Posterior) -> None:
     entry = correction(plain, "tables")
-    assert values_of(plain, entry.model) == pytest.approx(entry.off.values)
+    assert values_of(plain.field, entry.model) == pytest.approx(entry.off.values)
 
 
 def test_a_correction_leaves_less_than_the_least_without_it(plain: Posterior) -> None:
@@ -158,7 +158,7 @@ def test_towers_of_firmware_stand_in_the_field_where_they_are() -> None:
     result = posterior([SessionCase(Model(DELTA), data, FIGURES, tolerance)])
     rows = result.field.rows
     by_towers = rows @ tower_values(result, entered(truth, ON_ONE_CIRCLE))
-    expected = rows @ values_of(result, truth)
+    expected = rows @ values_of(result.field, truth)
     assert np.abs(expected).max() > 0.15
     assert np.abs(by_towers - expected).max() < 0.005
 

@@ -167,6 +167,7 @@ def carriage_error_mm(model: Model, joint_mm: FloatArray, way: float) -> FloatAr
     return np.asarray(flow.carriage_mm - joint_mm)
 
 
+@lru_cache(maxsize=12)
 def table_of(model: Model, joint: int) -> Table | None:
     """The fewest evenly spaced points that follow what the effects add to d_rho within 1 µm.
 

@@ -243,8 +243,8 @@ SCREENS = {
 def screen_of(name: str, *given: object, **named: object) -> Screen[Any]:
     """One of `SCREENS`, of what is given to its class."""
     module, _, kind = SCREENS[name].partition(".")
-    made: Screen[Any] = getattr(import_module(f"app.screens.{module}"), kind)(*given, **named)
-    return made
+    screen: Screen[Any] = getattr(import_module(f"app.screens.{module}"), kind)(*given, **named)
+    return screen
 
 
 class Glidecal(App[str]):

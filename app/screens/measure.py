@@ -175,7 +175,7 @@ class MeasureScreen(Corrections, Resting):
                 self._set_hold(True, f"{name}: adapter {now or 'unknown'}, before {before}")
                 self.say(questions.other_adapter_text(name, before, now))
             else:
-                self.say(questions.lost_text(name, news))
+                self.say(questions.lost_text(name, news, alone=not self._faults()))
 
     @work
     async def action_port(self) -> None:
@@ -282,11 +282,14 @@ class MeasureScreen(Corrections, Resting):
 
     def say(self, text: str, *, wrong: bool = False) -> None:
         goes_on = "{measure.hold}" if self.guided.mover is None else "{measure.go}"
+        line = "\n".join(dict.fromkeys([text, *self._faults()]))
+        self.view.say(self.app.keyed(line.replace("{goes_on}", goes_on)))
+
+    def _faults(self) -> list[str]:
+        """Those of the step that last: no line hides them."""
         step = self.guided.step()
         faults = self.lost.faults(step.indicators if step else ())
-        words = [questions.lost_text(self.guided.name_of(f.number), f) for f in faults]
-        line = questions.lost_line(text, words)
-        self.view.say(self.app.keyed(line.replace("{goes_on}", goes_on)))
+        return [questions.lost_text(self.guided.name_of(f.number), f) for f in faults]
 
     def action_automatic(self) -> None:
         """Take by itself whenever all indicators stand still."""

@@ -29,14 +29,11 @@ from protocols.effect_entries import EffectEntry
 from protocols.model_file import read_model_file
 from protocols.session import Session
 
-COARSE = 10
-"""So many steps with Shift."""
-
 SIZE_KEYS: tuple[BindingType, ...] = (
     Binding("left", "move(-1)", "Smaller", id="what_if.smaller"),
     Binding("right", "move(1)", "Larger", id="what_if.larger"),
-    Binding("shift+left", f"move({-COARSE})", show=False, id="what_if.much_smaller"),
-    Binding("shift+right", f"move({COARSE})", show=False, id="what_if.much_larger"),
+    Binding("shift+left", "move(-10)", "Much smaller", show=False, id="what_if.much_smaller"),
+    Binding("shift+right", "move(10)", "Much larger", show=False, id="what_if.much_larger"),
     Binding("up", "choose(-1)", "Size before", show=False, id="what_if.size_before"),
     Binding("down", "choose(1)", "Next size", show=False, id="what_if.next_size"),
     Binding("0", "nothing", "Nothing", id="what_if.nothing"),

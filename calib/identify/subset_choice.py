@@ -15,9 +15,6 @@ from calib.tripod.pipeline import Model
 USUAL: tuple[Subset, ...] = ("joint-offsets", "with-tolerances", "both", "leg-lengths")
 """The set that is shown where none is asked for: the first that the readings determine."""
 
-NEAREST: tuple[Subset, ...] = ("with-tolerances", "both", "joint-offsets", "leg-lengths")
-"""The set nearest to the machine: held by tolerances, where it can be."""
-
 
 @dataclass(frozen=True, eq=False)
 class SubsetChoice:
@@ -40,11 +37,6 @@ class SubsetChoice:
         return tuple(
             f"{subset} left out: {problem.found}" for subset, problem in self.refused.items()
         )
-
-    @property
-    def fitted(self) -> Solution:
-        """The solution nearest to the machine."""
-        return next(self.solutions[subset] for subset in NEAREST if subset in self.solutions)
 
 
 def choose_subset(

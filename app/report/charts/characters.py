@@ -125,7 +125,7 @@ class Canvas:
         return self.height - FRAME_ROWS
 
     def _narrow(self, chart: Chart) -> bool:
-        return 0 < len(chart.x_names) * chart.x_label_cells > self._columns
+        return bool(chart.x_names) and len(chart.x_names) * chart.x_label_cells > self._columns
 
     def _on_its_side(self, chart: Chart) -> bool:
         """Names that do not fit beside each other stand below each other, given the rows."""

@@ -351,9 +351,7 @@ def settings_text(path: Path, exists: bool, settings: Settings, keys: Iterable[K
     # an id is copied
     table.columns[0].min_width = max((len(key_id) for key_id, *_ in rows), default=0)
     for key_id, default, words in rows:
-        table.add_row(
-            key_id, ", ".join(default), settings.keys.get(key_id, ""), _does(key_id, words)
-        )
+        table.add_row(key_id, ", ".join(default), settings.keys.get(key_id, ""), words)
     return paragraphs(
         [f"Settings file: {path}{state}", f"{FILE_VARIABLE} names another file."],
         f"theme       {settings.theme or 'default'}\n"
@@ -362,11 +360,6 @@ def settings_text(path: Path, exists: bool, settings: Settings, keys: Iterable[K
         'Keys; under [keys] a line such as "measure.take" = "space,f2" changes them:',
         table,
     )
-
-
-def _does(key_id: str, words: str) -> str:
-    """A key without words of its own has those of its id."""
-    return key_id.partition(".")[2].replace("_", " ").capitalize() if "(" in words else words
 
 
 KEY_WORDS = {"comma": ",", "plus": "+", "minus": "-", "pageup": "page up", "pagedown": "page down"}

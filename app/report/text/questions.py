@@ -253,23 +253,19 @@ def answered_text(answer: str, step_taken: TakenStep, unsure: Sequence[int] = ()
     return f"Not kept. Next is step {number}: {then.get(answer, '')}take it again."
 
 
-def lost_text(name: str, news: LostNews) -> str:
-    """An indicator that gives no value, or gives one again: why, its adapter, and what to do."""
+def lost_text(name: str, news: LostNews, *, alone: bool = True) -> str:
+    """An indicator that gives no value, or gives one again: why, its adapter, and what to do.
+
+    ``alone``: no other one of the step is lost.
+    """
     if news.fault is None:
-        return f"{name.capitalize()} answers again."
+        return f"{name.capitalize()} answers again.{' Continue with this step.' * alone}"
     lost = f"FAULT: {name}: {sentence(news.fault.words)} The session waits."
     if news.elsewhere:
         return f"{lost} Its adapter is at {news.elsewhere} now: {{measure.port}} goes on there."
     if news.fault.kind is FaultKind.DISCONNECTED:
         return f"{lost} If it comes back under another name, {{measure.port}} chooses it."
     return lost
-
-
-def lost_line(text: str, faults: Sequence[str]) -> str:
-    """What happened last, below it the faults of the step that last: nothing hides those."""
-    if not faults and text.endswith(" answers again."):
-        return f"{text} Continue with this step."
-    return "\n".join([text, *(fault for fault in faults if fault != text)])
 
 
 def other_adapter_text(name: str, before: str, now: str) -> str:

@@ -272,12 +272,17 @@ class Forecast:
         total = 0.0
         for truth, share in self.truths:
             true, j = place[truth]
-            log = np.log(self.weight)
-            for update_of_group in updated:
-                log[update_of_group.group.rows] -= update_of_group.log_factor(true, j)
-            weight = np.exp(log - log.max())
-            total += share * self._bound_mm(updated, weight / weight.sum(), true.expected[:, j])
+            weight = self.weight_if(updated, true, j)
+            total += share * self._bound_mm(updated, weight, true.expected[:, j])
         return total
+
+    def weight_if(self, updated: Sequence[Updated], true: Updated, j: int) -> FloatArray:
+        """Weights of the models ``(M,)`` expected after readings of model j, which is ``true``."""
+        log = np.log(self.weight)
+        for update in updated:
+            log[update.group.rows] -= update.log_factor(true, j)
+        weight = np.exp(log - log.max())
+        return np.asarray(weight / weight.sum())
 
     def apart(
         self, measurements: Sequence[ExpectedReadings], models: Sequence[int]

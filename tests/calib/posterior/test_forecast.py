@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
@@ -16,8 +16,7 @@ from calib.posterior.mixture import Updated
 from calib.posterior.models import Posterior, Weighted
 from calib.posterior.posterior import posterior
 from calib.posterior.tool import Frame
-from calib.tripod.effects.effect import EffectInstance
-from calib.tripod.pipeline import Model
+from calib.tripod.pipeline import Model, StageEffect
 from tests.calib.posterior.hidden_machines import SHORT, hidden, session
 
 STEP = 1e-3
@@ -36,9 +35,17 @@ def unsure() -> Posterior:
     return posterior([case])
 
 
+@pytest.fixture(scope="module")
+def adopted() -> Posterior:
+    """The same of a machine whose model has the play of another drive."""
+    play = hidden("backlash", "y", 0.05)
+    case, _ = session(SHORT, hidden("backlash", "x", 0.03), play, seed=2, scatter_mm=0.003)
+    return posterior([replace(case, model=case.model.with_effects((play,)))])
+
+
 def machine_of(result: Posterior, model: Weighted, values: FloatArray) -> Model:
     """The machine of these values of a model, all of them in the simulation."""
-    effects: list[EffectInstance] = []
+    effects: list[StageEffect] = [*result.sessions[-1].case.model.effects]
     at = result.parameter_count
     for k in (*model.everywhere, *model.members):
         component = result.components[k]
@@ -185,3 +192,58 @@ def test_nothing_read_changes_nothing(unsure: Posterior) -> None:
     there = set_up(0, 0.5, (0.0,), 1, 20.0)  # one posture: its zero takes it
     (readings,) = forecast.readings([there])
     assert forecast.after_mm(readings) == pytest.approx(forecast.now_mm, rel=1e-6)
+
+
+def without_zeros(forecast: Forecast) -> FloatArray:
+    """The inverse covariance ``(n, n)`` of cells of `TAKEN` by their noise; a zero is anything."""
+    conditions = TAKEN.take(np.unique(TAKEN.cell, return_index=True)[1])
+    scatter, shared = forecast.noise_mm2
+    inverse = np.diag(1.0 / (scatter / np.bincount(TAKEN.cell) + shared))
+    zeros = np.eye(int(conditions.mount.max()) + 1)[conditions.mount]
+    kept = inverse @ zeros
+    return np.asarray(inverse - kept @ np.linalg.solve(zeros.T @ kept, kept.T))
+
+
+@pytest.mark.parametrize("shared_mm2", [0.0, 0.002**2])
+@pytest.mark.parametrize("name", ["unsure", "adopted"])
+def test_each_model_expects_the_readings_of_its_own_machine(
+    name: str, shared_mm2: float, request: pytest.FixtureRequest
+) -> None:
+    """Also of noise that repeats share, and of models that are linear about the session's fit."""
+    unsure: Posterior = request.getfixturevalue(name)
+    forecast = Forecast.of(unsure, FRAME, OFFSETS)
+    vars(forecast)["noise_mm2"] = forecast.noise_mm2[0], shared_mm2
+    (readings,) = forecast.readings([TAKEN])
+    inverse, cells = without_zeros(forecast), np.unique(TAKEN.cell, return_index=True)[1]
+    linear = {
+        k: updated.expected[:, j]
+        for group in forecast.groups
+        for updated in [group.updated(readings, forecast.followed)]
+        for j, k in enumerate(group.rows.tolist())
+        if k not in forecast.followed
+    }
+    followed = dict(zip(forecast.followed, readings.followed, strict=True))
+    assert len(followed) > 5
+    assert len(linear) > 20
+    for k, number in enumerate(forecast.numbers.tolist()):
+        model = unsure.models[number]
+        if not all(unsure.components[member].candidate for member in model.members):
+            continue
+        off_mm = machine_of(unsure, model, model.mean).readings(TAKEN.take(cells))
+        size = float(off_mm @ inverse @ off_mm)
+        expected = followed[k][0] if k in followed else linear[k]
+        near = 1e-6 if k in followed else 2e-3
+        assert float(expected @ expected) == pytest.approx(size, rel=near)
+
+
+def test_readings_that_separate_names_lower_the_bound(unsure: Posterior) -> None:
+    """What is true gains weight, whichever of the open names it is."""
+    forecast = Forecast.of(unsure, FRAME, OFFSETS)
+    (readings,) = forecast.readings([TAKEN])
+    assert forecast.after_mm(readings) < 0.9 * forecast.now_mm
+    updated = [group.updated(readings, forecast.followed) for group in forecast.groups]
+    for true in updated:
+        for j, k in enumerate(true.group.rows.tolist()):
+            weight = forecast.weight_if(updated, true, j)
+            assert weight.sum() == pytest.approx(1.0)
+            assert weight[k] > forecast.weight[k]

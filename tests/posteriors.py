@@ -4,72 +4,53 @@ from __future__ import annotations
 
 import pickle
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, TypeVar
 
 import pytest
 
-from calib.arrays import FloatArray
-from calib.diagnosis.hexaslide import WeighedCauses, weighed
-from calib.diagnosis.hexaslide_causes import AdoptedEffect
-from calib.hexaslide.geometry import HexaSlide
-from calib.hexaslide.residuals import Readings
+from calib.diagnosis.hexaslide import weighed
 from calib.posterior.cells import SessionCase
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import Effect
 
+Answer = TypeVar("Answer")
+
 IN_MEMORY = 4
 """So many, the ones that were asked for last; with all that is worked out from it one may have
 hundreds of MB."""
 
-POSTERIORS: OrderedDict[bytes, Posterior] = OrderedDict()
+KNOWN: OrderedDict[bytes, Any] = OrderedDict()
 """By what they were worked out from, as bytes."""
 
 
-def _key(cases: Sequence[SessionCase], effects: Sequence[Effect] | None) -> bytes | None:
-    """None where an effect is of a file of the user's, which pickle cannot import."""
+def known(work: Callable[..., Answer], *asked: object) -> Answer:
+    """What ``work`` gives for these; worked out again for what cannot be told apart by bytes."""
     try:
-        return pickle.dumps((tuple(cases), tuple(CATALOGUE if effects is None else effects)))
-    except pickle.PicklingError:
-        return None
+        key = pickle.dumps((work.__name__, asked))
+    except pickle.PicklingError:  # an effect of a file of the user's, which pickle cannot import
+        return work(*asked)
+    if key not in KNOWN:
+        KNOWN[key] = work(*asked)
+    KNOWN.move_to_end(key)
+    while len(KNOWN) > IN_MEMORY:
+        KNOWN.popitem(last=False)
+    result: Answer = KNOWN[key]
+    return result
 
 
 def known_posterior(
     cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None
 ) -> Posterior:
     """As `posterior`, of this process."""
-    key = _key(cases, effects)
-    if key is None:
-        return posterior(cases, effects)
-    if key not in POSTERIORS:
-        POSTERIORS[key] = posterior(cases, effects)
-    POSTERIORS.move_to_end(key)
-    while len(POSTERIORS) > IN_MEMORY:
-        POSTERIORS.popitem(last=False)
-    return POSTERIORS[key]
+    return known(posterior, tuple(cases), tuple(CATALOGUE if effects is None else effects))
 
 
-CAUSES: OrderedDict[bytes, WeighedCauses] = OrderedDict()
-
-
-def known_causes(
-    readings: Readings,
-    nominal: HexaSlide,
-    tolerances: FloatArray,
-    lead_m: float | None = None,
-    adopted: Sequence[AdoptedEffect] = (),
-    middle: FloatArray | None = None,
-) -> WeighedCauses:
-    """As `weighed`, of this process."""
-    asked = readings, nominal, tolerances, lead_m, tuple(adopted), middle
-    key = pickle.dumps(asked)
-    if key not in CAUSES:
-        CAUSES[key] = weighed(*asked)
-    CAUSES.move_to_end(key)
-    while len(CAUSES) > IN_MEMORY:
-        CAUSES.popitem(last=False)
-    return CAUSES[key]
+known_causes = partial(known, weighed)
+"""As `weighed`, of this process."""
 
 
 @pytest.fixture(autouse=True)

@@ -37,8 +37,12 @@ class PrintableStream(io.TextIOBase):
         return len(text)
 
     def flush(self) -> None:
-        """Flush the stream behind."""
-        self._behind.flush()
+        """Flush the stream behind; in a closed one nothing waits.
+
+        Python flushes what it collects, in any order, and since 3.13 says where that fails.
+        """
+        if not self._behind.closed:
+            self._behind.flush()
 
     def isatty(self) -> bool:
         """Whether the stream behind is a terminal."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from app.report.streams import PrintableStream
 from calib.printable import HIDDEN, printable
 from protocols.documents import is_deep
 from tests.app.cli import glidecal, refused, run_here
@@ -126,6 +128,16 @@ def test_closed_streams(closed: str) -> None:
     assert run.returncode == 3
     assert "Traceback" not in run.stderr
     assert ("standard output: closed. Allowed: a terminal" in run.stderr) == ("2>&-" not in closed)
+
+
+def test_a_stream_behind_may_be_closed_first() -> None:
+    """As where both are collected, the one behind first: Python 3.13 tells of what fails then."""
+    behind = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
+    stream = PrintableStream(behind)
+    behind.close()
+    stream.close()
+    with pytest.raises(ValueError, match="closed"):
+        PrintableStream(behind).write("lost")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a POSIX pipe")

@@ -19,6 +19,11 @@ def printable(text: str, keep: str = "") -> str:
     return HIDDEN.sub(lambda match: match[0] if match[0] in keep else _escaped(match[0]), text)
 
 
+def one_line(text: str) -> str:
+    """Whatever line breaks a name or a sentence has: a file of lines must not break there."""
+    return printable(" ".join(text.split()))
+
+
 def counted(count: int, noun: str) -> str:
     """``1 reading``, ``2 readings``."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

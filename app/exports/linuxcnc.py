@@ -13,12 +13,13 @@ from importlib import resources
 from textwrap import wrap
 
 from app.exports.linuxcnc_joints import DriveJoint, joints_of_drives, one_joint_a_drive, travel
-from app.report.offsets import Export, Offsets, for_controller, moves_the_tool, one_line
+from app.report.offsets import Export, Offsets, for_controller, moves_the_tool
 from app.report.schema.solution import Offset
 from app.report.text.tables import WIDTH, uncertain
 from calib.arrays import LEG_NAMES
 from calib.errors import UsageError
 from calib.posterior.correction import Holds
+from calib.printable import one_line
 from calib.tripod.controller import (
     INTERPOLATION_MM,
     NOTHING_MM,

@@ -24,13 +24,13 @@ from app.report.offsets import (
     Offsets,
     bound_of_files,
     for_controller,
-    one_line,
     with_bound,
 )
 from app.report.text.correction import FRAME_WORDS, doubt_lines, left_out_lines
 from app.report.text.printer import NOT_WORTH_IT
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import UsageError
+from calib.printable import one_line
 from calib.tripod.effects.drives import ActuatorScale
 from calib.tripod.pipeline import Stage, StageEffect
 from calib.tripod.towers import (

@@ -26,7 +26,7 @@ from calib.errors import RecordError
 from calib.identify.solution import Method, Subset
 from calib.posterior.correction import Holds, ToolOff
 from calib.posterior.entered import offsets_beside
-from calib.printable import printable
+from calib.printable import one_line
 from calib.quantity import rows
 from calib.tripod.controller import ControllerJoints
 from calib.tripod.geometry import PARAMETER_NAMES
@@ -266,11 +266,6 @@ def _stated(machine: Machine) -> ControllerJoints | None:
     """What the machine file says that the controller holds."""
     home = machine.home_at_mm()
     return ControllerJoints.homed_at(home, machine.joints) if home else None
-
-
-def one_line(text: str) -> str:
-    """Whatever line breaks a name or a sentence has: a file of lines must not break there."""
-    return printable(" ".join(text.split()))
 
 
 def offsets_from_files(

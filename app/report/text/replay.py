@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from app.measuring.playback import Playback
 from app.report.text.tables import signed
+from calib.printable import one_line
 from protocols.session import (
     Changed,
     Closed,
@@ -128,11 +129,6 @@ def _numbers(numbers: Sequence[int]) -> str:
     if len(numbers) <= NUMBERS_SHOWN:
         return ", ".join(map(str, numbers))
     return f"{numbers[0]}, {numbers[1]}, … {numbers[-1]} ({len(numbers)} of them)"
-
-
-def one_line(text: str) -> str:
-    """Text of a file without its line breaks."""
-    return " ".join(text.split())
 
 
 def reading_lines(session: Session) -> list[str]:

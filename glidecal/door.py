@@ -50,7 +50,7 @@ def load(path: File, machine: File | None = None) -> Session:
 
     A table is of the named ``machine``, or of that of a machine file; None: the usual one.
     """
-    from app.evaluating.solution import load_sessions
+    from app.evaluating.loading import load_sessions
     from app.version import program
     from protocols.machine import load_machine
     from protocols.session import fold
@@ -228,7 +228,7 @@ def _given(sessions: Iterable[File | Session]) -> list[Session]:
 
     Raises RecordError for one session twice.
     """
-    from app.evaluating.solution import load_sessions, measured_first, refuse_twice
+    from app.evaluating.loading import load_sessions, measured_first, refuse_twice
 
     given, loaded = list(sessions), []
     for number, file in enumerate(given, start=1):

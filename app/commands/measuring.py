@@ -244,7 +244,7 @@ def _go_on(plan: Plan, until: float | None) -> None:
 
     Ends where that is reached or more would not help. Without one it is said how to go on.
     """
-    from app.evaluating.solution import load_sessions
+    from app.evaluating.loading import load_sessions
     from app.planning.tripod import (
         all_sessions,
         further_procedure,

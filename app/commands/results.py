@@ -374,7 +374,8 @@ def _table(
     method: Literal["linear", "exact"],
     model: Path | None,
 ) -> DataTable:
-    from app.evaluating.solution import load_sessions, solve_files
+    from app.evaluating.loading import load_sessions
+    from app.evaluating.solution import solve_files
 
     if name == "readings":
         (session,), warnings = load_sessions([source])

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from app.evaluating.solution import SessionSolution, decided_in, refuse_twice, solve_sessions
+from app.evaluating.loading import refuse_twice
+from app.evaluating.solution import SessionSolution, decided_in, solve_sessions
 from app.evaluating.tolerance import check_tolerance
 from calib.errors import CalibrationError
 from calib.identify.accuracy import Decision

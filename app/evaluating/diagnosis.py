@@ -10,12 +10,10 @@ from pathlib import Path
 from typing import Annotated
 
 from app.evaluating.correction import ControllerCorrections, case_of
+from app.evaluating.loading import load_sessions
 from app.evaluating.own_effects import known_effects
 from app.evaluating.printer import printer_change
-from app.evaluating.solution import (
-    load_sessions,
-    refuse_leaning_planes,
-)
+from app.evaluating.solution import refuse_leaning_planes
 from calib.arrays import LEG_NAMES
 from calib.diagnosis.claims import conditional
 from calib.diagnosis.diagnose import diagnosis_of

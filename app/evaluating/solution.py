@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from app.evaluating.correction import ControllerCorrections, Gain, SessionCorrection
+from app.evaluating.loading import load_sessions
 from app.evaluating.printer import PrinterChange, printer_change
 from app.evaluating.tolerance import check_tolerance
 from calib.arrays import FloatArray, Observations, descending, joined_values
@@ -35,9 +35,7 @@ from calib.tripod.pipeline import MOVES_THE_TOOL, Model
 from protocols.data_table import DataTable, Tabled
 from protocols.machine import Frame
 from protocols.observations import indicator_figures, to_observations
-from protocols.record import Record, read_record
-from protocols.session import Distance, Reading, Session, measured_at
-from protocols.table import off_bar_words
+from protocols.session import Distance, Reading, Session
 
 if TYPE_CHECKING:  # asked for by option only
     from pandas import DataFrame
@@ -422,62 +420,6 @@ class Suspect:
     session: str
     reading: Reading
     studentised: float
-
-
-def records_in_order(paths: Sequence[Path]) -> list[Record]:
-    """Records in the order in which they were measured. Raises RecordError."""
-    records = [read_record(path) for path in paths]
-    return sorted(records, key=measured_first)
-
-
-def measured_first(session: Record | Session) -> tuple[datetime, datetime, str]:
-    """The order in which sessions were measured: the last one tells how the machine is now."""
-    return measured_at(session.opened), session.opened.at, session.digest
-
-
-def refuse_twice(named: Sequence[tuple[object, Session]]) -> None:
-    """One session, or one table that was imported twice: its readings would count double.
-
-    Raises RecordError with their names.
-    """
-    name_by_content: dict[object, object] = {}
-    for name, session in named if len(named) > 1 else ():
-        table = tuple((r.leg, r.axis, r.posture_mm, r.text, r.mount) for r in session.readings)
-        contents: list[tuple[object, str]] = [
-            (session.digest or id(session), "the same session twice")
-        ]
-        if table and session.opened.origin == "imported":
-            contents.append((table, "the same readings twice"))
-        for content, words in contents:
-            if content in name_by_content:
-                see = f"{words}, see {name_by_content[content]}"
-                raise RecordError(f"session {name}", see, "each once")
-            name_by_content[content] = name
-
-
-def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
-    """Sessions in the order in which they were measured, the last one tells how the machine is now;
-    and warnings: no proper end, times that go back, points off the bars.
-
-    Raises RecordError.
-    """
-    records = records_in_order(paths)
-    refuse_twice([(record.path, record.session) for record in records])
-    warnings = [record.unfinished for record in records if record.unfinished]
-    sessions = [record.session for record in records]
-    for session in sessions:
-        back = session.time_goes_back()
-        if back:
-            warnings.append(
-                f"{session.name}: time_s goes back at reading {back.reading}: the clock was "
-                "set. Its "
-                "times are not used, so drift with time cannot be computed."
-            )
-        if off_bar := off_bar_words(session.readings, session.opened.machine.geometry()):
-            warnings.append(
-                f"{session.name}: {off_bar}. They are used as if the bar continued there."
-            )
-    return sessions, warnings
 
 
 def solve_sessions(

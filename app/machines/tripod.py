@@ -282,7 +282,7 @@ class PlanOptions:
 
 def plan(machine: str | None, sessions: Sequence[Path], options: PlanOptions, say: Say) -> Answer:
     """The measurement that is worth its minutes most; or the places of a plate as a macro."""
-    from app.evaluating.solution import load_sessions
+    from app.evaluating.loading import load_sessions
     from app.planning.tripod import next_measurement
     from app.report.schema.plan import PlanReport
     from app.report.text.planning import plan_text
@@ -313,7 +313,7 @@ def _macro(
     dialect: Dialect, machine: str | None, sessions: Sequence[Path], options: PlanOptions
 ) -> Answer:
     """The places of a procedure on the machine of the last session, or on this one."""
-    from app.evaluating.solution import load_sessions
+    from app.evaluating.loading import load_sessions
     from app.exports.macros import macro
     from protocols.files import STANDARD_OUTPUT
     from protocols.machine import load_machine

@@ -12,13 +12,8 @@ from pydantic import Field
 
 from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
-from app.evaluating.solution import (
-    Judgement,
-    SessionSolution,
-    judge,
-    records_in_order,
-    solve_files,
-)
+from app.evaluating.loading import records_in_order
+from app.evaluating.solution import Judgement, SessionSolution, judge, solve_files
 from app.report.text.result import decided, judged_sentence
 from app.settings import WHAT, data_path, read_settings, settings_path
 from calib.errors import RecordError, UsageError

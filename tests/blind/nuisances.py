@@ -254,7 +254,7 @@ def posterior_of(table: str, resolution_mm: float | None) -> Posterior:
     """What a user's import and the posterior make of a table."""
     from app.commands.sessions import import_files
     from app.evaluating.correction import case_of
-    from app.evaluating.solution import load_sessions
+    from app.evaluating.loading import load_sessions
     from calib.posterior.posterior import posterior
     from calib.tripod.pipeline import Model
 

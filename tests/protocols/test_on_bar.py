@@ -12,7 +12,8 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from app.evaluating.solution import load_sessions, solve_sessions
+from app.evaluating.loading import load_sessions
+from app.evaluating.solution import solve_sessions
 from app.measuring.indicators import simulated_indicators
 from app.measuring.opening import begin
 from app.measuring.plan import plan_to_repeat

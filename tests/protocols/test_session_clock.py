@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.evaluating.solution import load_sessions
+from app.evaluating.loading import load_sessions
 from protocols.clock import AWAY_S, SessionClock, SleepWatch, steady_s
 from protocols.journal import write_whole
 from protocols.observations import to_observations

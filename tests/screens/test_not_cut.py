@@ -25,7 +25,8 @@ from textual.widgets._toast import Toast
 from app.evaluating.comparison import compare_files
 from app.evaluating.hexaslide_what_if import causes_to_try
 from app.evaluating.history import read_history
-from app.evaluating.solution import load_sessions, solve_files
+from app.evaluating.loading import load_sessions
+from app.evaluating.solution import solve_files
 from app.evaluating.what_if import choices, trial_of
 from app.machines.registry import LOOKS
 from app.measuring.demo import WATCHED, demo_plan

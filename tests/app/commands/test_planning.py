@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.evaluating.solution import load_sessions
+from app.evaluating.loading import load_sessions
 from app.planning.tripod import next_measurement, tripod_planning
 from calib.arrays import conditions, descending
 from calib.design.criteria import Criterion

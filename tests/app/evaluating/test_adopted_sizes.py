@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_files
-from app.evaluating.solution import load_sessions, solve_files
+from app.evaluating.loading import load_sessions
+from app.evaluating.solution import solve_files
 from app.planning.tripod import next_measurement
 from calib.tripod.effects.drives import Backlash
 from protocols.effect_entries import EffectEntry, ParameterEntry

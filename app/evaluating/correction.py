@@ -188,13 +188,17 @@ class ControllerCorrections:
         cls,
         sessions: Sequence[Session],
         model: Model,
-        frame: Frame,
+        frame: Frame | None = None,
         effects: Sequence[Effect] | None = None,
         free: frozenset[tuple[Effect, str]] = frozenset(),
     ) -> Self:
-        """``model`` has the effects of an adopted model; sizes of those that are ``free`` vary."""
+        """``model`` has the effects of an adopted model; sizes of those that are ``free`` vary.
+
+        Without a ``frame`` it is that of the machine as it was last.
+        """
         nominal = Model(model.geometry).with_effects(model.effects)
         cases = tuple(case_of(session, nominal, free) for session in sessions)
+        frame = frame or sessions[-1].opened.machine.frame
         return cls(cases, frame, None if effects is None else tuple(effects))
 
     @cached_property

@@ -135,7 +135,7 @@ class SessionDiagnosis(Tabled):
         return self._tool(self.corrections)
 
     def _tool(self, corrections: ControllerCorrections) -> DiagnosedTool:
-        return DiagnosedTool.of(corrections, self.sessions[0].opened.machine)
+        return DiagnosedTool.of(corrections, self.sessions[-1].opened.machine)
 
     def adopted_tool(self, candidate: str | None = None) -> AdoptedTool | None:
         """What the tool is off by if the names are true that `adopt` takes with this candidate.
@@ -261,8 +261,7 @@ def diagnose_sessions(
         nominal = to_model(model_file, f"model {model}", effects)
         free = free_effects(model_file, effects)
         warnings += [doubt] if (doubt := ambiguity(ambiguous_effects(model_file))) else []
-    frame = sessions[-1].opened.machine.frame
-    corrections = ControllerCorrections.of_sessions(sessions, nominal, frame, effects, free)
+    corrections = ControllerCorrections.of_sessions(sessions, nominal, effects=effects, free=free)
     if solved is not None and model is None and tuple(effects) == tuple(CATALOGUE):
         corrections = corrections.with_posterior(solved.posterior)
     for session, case in zip(sessions, corrections.cases, strict=True):
@@ -335,7 +334,7 @@ def adopt(
     where the file cannot be written.
     """
     chosen = _chosen(diagnosed, candidate)
-    machine = diagnosed.sessions[0].opened.machine
+    machine = diagnosed.sessions[-1].opened.machine
     model = read_model_file(known) if known else model_file(diagnosed.model, machine)
     source = Provenance(
         sessions=diagnosed.names,
@@ -387,7 +386,6 @@ def _expected(model: ModelFile, sessions: Sequence[Session]) -> ModelFile:
     corrections = ControllerCorrections.of_sessions(
         sessions,
         to_model(model, "model", effects),
-        sessions[0].opened.machine.frame,
         free=free_effects(model, effects),
     )
     posterior = corrections.posterior

@@ -465,9 +465,7 @@ def solve_sessions(
         sizes=sizes,
     )
     chosen = subset or choice.usual
-    corrections = ControllerCorrections.of_sessions(
-        sessions, start, frame or machine.frame, free=free
-    )
+    corrections = ControllerCorrections.of_sessions(sessions, start, frame, free=free)
     solved = SessionSolution(tuple(sessions), observed, choice, chosen, corrections, holds)
     if model is not None:
         from protocols.model_file import ambiguous_effects, held_sizes
@@ -486,7 +484,7 @@ def correct_session(session: Session) -> SessionCorrection:
     figures, tolerance_mm = indicator_figures([session]), machine.tolerances_mm()
     view = usual_solution(start, observed, indicator=figures, tolerance_mm=tolerance_mm)
     refuse_leaning_planes([session], view.model, observed)
-    corrections = ControllerCorrections.of_sessions([session], start, machine.frame)
+    corrections = ControllerCorrections.of_sessions([session], start)
     return corrections.of("offsets")
 
 

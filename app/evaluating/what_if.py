@@ -138,7 +138,7 @@ class Trial:
     @property
     def frame(self) -> Frame:
         """How workpieces are set on this machine."""
-        return self.sessions[0].opened.machine.frame
+        return self.sessions[-1].opened.machine.frame
 
     @cached_property
     def _case(self) -> IdentificationCase:

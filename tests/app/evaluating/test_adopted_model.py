@@ -170,6 +170,22 @@ def test_a_table_of_a_short_wave_is_written_with_what_it_leaves(tmp_path: Path) 
     assert bounds[0] ** 2 - bounds[1] ** 2 == pytest.approx(beside**2, rel=1e-6)
 
 
+def test_the_frame_is_that_of_the_last_session(tmp_path: Path) -> None:
+    truth = ModelFile(parameters_mm={"d_rho_x": 0.4})
+    (tmp_path / "truth.json").write_text(truth.text(), encoding="utf-8")
+    paths = []
+    for number, frame in enumerate(("touched-off", "aligned")):
+        session = glidecal.simulate("two-station", model=tmp_path / "truth.json", seed=number)
+        machine = session.opened.machine.model_copy(update={"frame": frame})
+        opened = session.opened.model_copy(update={"machine": machine})
+        paths.append(tmp_path / f"{frame}.jsonl")
+        write_whole(paths[-1], opened, [*session.readings])
+    assert [diagnose_files([path]).tool.frame for path in paths] == ["touched-off", "aligned"]
+    tool = diagnose_files(paths).tool
+    assert tool.frame == "aligned"
+    assert tool.now_mm == pytest.approx(diagnose_files(paths[1:]).tool.now_mm, rel=0.1)
+
+
 def test_offsets_that_changed_between_sessions_are_told(tmp_path: Path) -> None:
     paths = []
     for number, change_mm in enumerate((0.0, -1.2)):

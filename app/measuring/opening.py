@@ -106,13 +106,15 @@ def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
 class PlanCheck:
     """What an operator looks at before the record of a plan begins.
 
-    ``problem`` is why the indicators did not open, ``gone`` those whose ports are not here;
-    ``spindles`` finds out which is which before the ``first`` step, where hands can push them.
+    ``problem`` is why the indicators did not open, ``gone`` those whose ports are not here, behind
+    them the ``chosen``, to which another port was given: it may be a wrong one. ``spindles`` finds
+    out which is which before the ``first`` step, where hands can push them.
     """
 
     plan: Plan
     problem: GlidecalError | None = None
     gone: list[int] = field(default_factory=list)
+    chosen: list[int] = field(default_factory=list)
     spindles: SpindleCheck | None = None
     first: Step | None = None
 
@@ -122,7 +124,9 @@ class PlanCheck:
             return open_indicators(self.plan)
         except GlidecalError as problem:
             ports = enumerate(instrument.port for instrument in self.plan.instruments)
-            self.gone, self.problem = [k for k, port in ports if port_is_gone(port)], problem
+            gone = [k for k, port in ports if port_is_gone(port)]
+            self.gone = [*gone, *(k for k in self.chosen if k not in gone)]
+            self.problem = problem
         return None
 
     def find_spindles(self) -> None:
@@ -161,6 +165,7 @@ class PlanCheck:
     def read_at(self, port: str) -> None:
         """That indicator is at another port."""
         number, instruments = self.gone[0], list(self.plan.instruments)
+        self.chosen = [*(k for k in self.chosen if k != number), number]
         instruments[number] = instruments[number].model_copy(update={"port": port})
         self.plan = replace(self.plan, instruments=tuple(instruments))
 

@@ -106,10 +106,11 @@ class CheckScreen(MainScreen[None]):
     @once("port")
     async def action_port(self) -> None:
         """The first indicator whose port has gone is at another one: choose it, and try again."""
-        if port := await other_port(self, *self._check.lost, preparing.NO_OTHER_PORT_HERE):
-            self._check.read_at(port)
-            self.query_one(Gauges).name_them(self._check.plan.instruments)
-            self.action_retry()
+        with self.app.complaining():
+            if port := await other_port(self, *self._check.lost):
+                self._check.read_at(port)
+                self.query_one(Gauges).name_them(self._check.plan.instruments)
+                self.action_retry()
 
     def action_begin(self) -> None:
         if self.app.indicators is None:

@@ -23,7 +23,7 @@ from app.report.text import motion, questions
 from app.report.text import session as texts
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog, screen_of
-from app.screens.pages import KeyLine, Resting, apart, is_left
+from app.screens.pages import KeyLine, Resting, apart, is_left, once
 from app.screens.session_view import LegReviewScreen, MotionDialog, SessionView
 from drivers.motion.states import State
 from protocols.clock import SleepWatch
@@ -177,7 +177,7 @@ class MeasureScreen(Corrections, Resting):
             else:
                 self.say(questions.lost_text(name, news, alone=not self._faults()))
 
-    @work
+    @once("port")
     async def action_port(self) -> None:
         """The first indicator that is lost is read at another port from here on."""
         if self.busy or self.asking:

@@ -10,13 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from textual.widgets import OptionList
+from textual.pilot import Pilot
+from textual.widgets import Input, OptionList
 
 from app.measuring.indicators import remember
 from app.measuring.plan import QUICK_INTERVAL_S, Plan, plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog, Glidecal
+from app.screens.interface import ChoiceDialog, Glidecal, TextDialog
 from drivers.profile import Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twins import IndicatorTwin, TwinPort, default_transport
@@ -130,13 +131,27 @@ async def test_an_indicator_goes_on_at_another_port(
             assert "the same adapter, no. A1" in str(
                 interface.screen.query_one(OptionList).get_option_at_index(0).prompt
             )
-            await pilot.press("1")
+            await type_port(pilot, interface, "2", "/dev/tty[none]")
+            wrong = "FAULT: port /dev/tty[none]: no such port."
+            await until(pilot, "why not", lambda: wrong in text(interface, "#said"))
+            await pilot.press("o")
+            await until(pilot, "a list", lambda: isinstance(interface.screen, ChoiceDialog))
+            await type_port(pilot, interface, "2", second.url)
             await until(pilot, "its name", lambda: "FAULT" not in text(interface, "#said"))
             assert not screen.attended.on_hold
             assert second.url in str(screen.query_one("#gauge0").border_subtitle)
             await pilot.press("f10")
     notes = [e.text for e in read_record(plan.path).events if e.event == "noted"]
     assert any(note.endswith(f"goes on at {second.url}, adapter A1") for note in notes)
+
+
+async def type_port(pilot: Pilot[str], interface: Glidecal, row: str, port: str) -> None:
+    """Choose the row of a list after which a port is typed, and type it."""
+    await pilot.press(row)
+    await until(pilot, "a line", lambda: isinstance(interface.screen, TextDialog))
+    await pilot.pause()
+    interface.screen.query_one(Input).value = port
+    await pilot.press("enter")
 
 
 async def test_another_adapter_under_the_old_name_puts_the_session_on_hold(
@@ -183,6 +198,11 @@ async def test_at_continue_a_port_that_has_gone_is_chosen_anew(
             words = " ".join(text(interface, "#words").split())
             assert f"its adapter is at {here} now." in words
             assert "O chooses another port, R tries again, Escape goes back." in words
+            await pilot.press("o")
+            await until(pilot, "a list", lambda: isinstance(interface.screen, ChoiceDialog))
+            await type_port(pilot, interface, "2", "socket://127.0.0.1:1")
+            refused = "no device answers at this address"
+            await until(pilot, "why not", lambda: refused in text(interface, "#words"))
             await pilot.press("o")
             await until(pilot, "a list", lambda: isinstance(interface.screen, ChoiceDialog))
             await pilot.press("1")

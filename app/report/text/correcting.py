@@ -13,21 +13,24 @@ from app.measuring.session import GuidedSession
 from app.report.text import motion, questions
 from app.report.text import session as texts
 from app.report.text.errand import Person
+from app.report.text.home import PORT_HINT
 from calib.errors import GlidecalError
+from drivers.port import check_port
 
 
-async def other_port(
-    person: Person, name: str, adapter: str, used: Collection[str], none: str
-) -> str | None:
-    """At which port an indicator is now, by its name and that of its adapter.
+async def other_port(person: Person, name: str, adapter: str, used: Collection[str]) -> str | None:
+    """At which port an indicator is now, by its name and that of its adapter: listed or typed.
 
-    ``none`` is said where no port is free; None there, and where the question is left.
+    None where the question is left. Raises IndicatorError for a URL that leads to no device.
     """
-    if ports := ports_to_choose(adapter, used):
-        choices = questions.port_choices(ports, adapter)
-        return await person.choice(questions.port_question(name), choices)
-    person.say(none)
-    return None
+    ports = ports_to_choose(adapter, used)
+    choices = [*questions.port_choices(ports, adapter), ("", questions.PORT_ELSEWHERE)]
+    port = await person.choice(questions.port_question(name, none=not ports), choices)
+    if port == "":
+        port = await person.line(questions.WHICH_PORT, PORT_HINT)
+    if port:
+        check_port(port)
+    return port or None
 
 
 @dataclass(frozen=True)
@@ -118,11 +121,10 @@ class Correcting:
             return None
         number, gauges = min(lost.ports), self.guided.gauges
         used, adapter = [gauge.port for gauge in gauges], gauges[number].adapter
-        name, none = self.guided.name_of(number), questions.NO_OTHER_PORT
-        port = await other_port(self.person, name, adapter, used, none)
-        if port is None:
-            return None
         try:
+            port = await other_port(self.person, self.guided.name_of(number), adapter, used)
+            if port is None:
+                return None
             await asyncio.to_thread(self.guided.go_on_at, number, port)
         except GlidecalError as problem:
             self.person.say(f"FAULT: {problem}")

@@ -150,6 +150,7 @@ def partner_question(after: Path, before: Path) -> str:
 
 
 PORTS_QUESTION = "The ports of {} are those of another computer. Which are they here?"
+PORT_HINT = "/dev/ttyUSB0, COM5, socket://HOST:PORT"
 PORTS_HINT = "mitutoyo-01a:COM5@yx sylvac:COM6@zy, with the axes as before"
 
 REPLACE_CHOICES = (("keep", "Keep what is there"), ("replace", "Replace it"))
@@ -247,7 +248,7 @@ Where several profiles fit, the indicators give the same answers: take
 the name that is on yours."""
 
 INDICATOR_FIELDS = (
-    FormField("port", "Port", "/dev/ttyUSB0, COM5, socket://HOST:PORT"),
+    FormField("port", "Port", PORT_HINT),
     FormField("profile", "Profile", "choose, or let {indicator.try} try on this port"),
     FormField("axes", "Measures along"),
     FormField("unit", "Unit of the display"),

@@ -188,7 +188,6 @@ def check_text(plan: Plan) -> str:
 
 
 OPENING = "Opening the indicators …"
-NO_OTHER_PORT_HERE = "No other serial port is here. Plug the adapter in, then try again."
 
 
 def adapter_lines(instruments: Sequence[Instrument]) -> list[str]:

@@ -277,12 +277,14 @@ def other_adapter_text(name: str, before: str, now: str) -> str:
 
 
 NO_PORT_LOST = "Every indicator answers: no other port is needed."
-NO_OTHER_PORT = "No other serial port is here. Plug the adapter in; then {measure.port} again."
+PORT_ELSEWHERE = "A port that is not listed: type it"
+WHICH_PORT = "Type the port of the indicator."
 
 
-def port_question(name: str) -> str:
-    """Where an indicator is now."""
-    return f"At which port is {name} now?"
+def port_question(name: str, *, none: bool) -> str:
+    """Where an indicator is now; ``none``: no port is listed."""
+    plug = "\nNo other serial port is here. Plug the adapter in, then choose again." if none else ""
+    return f"At which port is {name} now?{plug}"
 
 
 def port_choices(ports: Sequence[tuple[str, str, bool]], adapter: str) -> list[tuple[str, str]]:

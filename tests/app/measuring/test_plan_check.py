@@ -44,6 +44,23 @@ def test_what_does_not_open_is_tried_again_at_the_same_port_or_at_another(
     assert [instrument.port for instrument in check.plan.instruments] == [refused, "COM5"]
 
 
+def test_a_wrong_port_that_was_chosen_can_be_chosen_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is here, or nobody can tell; and all the same the indicator is not there."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    gone = [Instrument(profile="tesa", port=f"/dev/ttyNONE{k}") for k in (1, 2)]
+    plan = replace(demo_plan(tmp_path, "zero-max-min", 1), instruments=tuple(gone))
+    check = PlanCheck(plan)
+    numbers = []
+    for wrong in (str(tmp_path), "socket://127.0.0.1:1", "socket://127.0.0.1:2"):
+        assert check.open() is None
+        assert "port" in fitting(check, opened=False)
+        numbers.append(check.lost[0].split()[1])
+        check.read_at(wrong)
+    assert numbers == ["1", "2", "1"]
+
+
 def test_ports_are_exchanged_where_the_other_spindle_moved(tmp_path: Path) -> None:
     plan = demo_plan(tmp_path, "zero-max-min", 1)
     instruments = [

@@ -15,7 +15,7 @@ from app.measuring.unattended import take_simulated
 from app.planning.hexaslide import Request
 from app.report.text.correcting import Correcting, other_port
 from app.report.text.hexaslide import MOST_POSTURES, asked_count, asked_request
-from calib.errors import UsageError
+from calib.errors import IndicatorError, UsageError
 from calib.hexaslide.procedures import ProcedureKind
 from tests.app.measuring.test_plane_session import session
 from tests.app.report.scripted import Scripted
@@ -79,17 +79,23 @@ def test_the_rest_of_a_leg_is_skipped_and_a_stand_set_up_anew(tmp_path: Path) ->
         assert person.lines[-1].startswith("Skipped: no room. {measure.earlier}")
 
 
-def test_a_port_is_chosen_of_those_that_are_free(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_is_chosen_of_those_that_are_free_or_typed(monkeypatch: pytest.MonkeyPatch) -> None:
     ports = [("/dev/one", "an adapter"), ("/dev/two", "another")]
     monkeypatch.setattr(indicators, "serial_ports", lambda: ports)
     monkeypatch.setattr(indicators, "adapters", lambda: {"/dev/two": "A7"})
-    person = Scripted("/dev/two")
-    question = other_port(person, "indicator 1", "A7", ["/dev/one"], "no other")
-    assert asked(question) == "/dev/two"
-    assert person.offered == [["/dev/two  another, the same adapter, no. A7"]]
+    typed = "A port that is not listed"
+    person = Scripted("/dev/two", typed, "socket://gauges:4001", typed, "", typed, "spy://x", None)
+    assert asked(other_port(person, "indicator 1", "A7", ["/dev/one"])) == "/dev/two"
+    same = "/dev/two  another, the same adapter, no. A7"
+    assert person.offered == [[same, f"{typed}: type it"]]
     used = [port for port, _ in ports]
-    assert asked(other_port(person, "indicator 1", "A7", used, "no other")) is None
-    assert person.lines == ["no other"]
+    assert asked(other_port(person, "indicator 1", "A7", used)) == "socket://gauges:4001"
+    assert "No other serial port is here" in person.questions[1]
+    assert person.offered[1] == [f"{typed}: type it"]
+    assert asked(other_port(person, "indicator 1", "A7", used)) is None
+    with pytest.raises(IndicatorError, match="Allowed: a serial port, socket://HOST:PORT"):
+        asked(other_port(person, "indicator 1", "A7", used))
+    assert asked(other_port(person, "indicator 1", "A7", used)) is None
 
 
 def test_what_is_asked_of_a_hexa_slide() -> None:

@@ -138,7 +138,7 @@ class AlignScreen(Corrections):
         elif self.guided.step() is None:
             self.say(texts.NOTHING_MOVED)
         else:
-            self.app.go_to(screen_of("measuring", self.guided, self.plan))
+            self.app.go_to(screen_of("measure.MeasureScreen", self.guided, self.plan))
 
     def action_finish(self) -> None:
         if self.guided.step() is not None:

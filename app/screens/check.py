@@ -17,9 +17,9 @@ from app.measuring.session import Indicators
 from app.report.text import motion, preparing
 from app.report.text.correcting import other_port
 from app.report.text.home import CHECK_HELP, DRY_RUN_HELP
-from app.screens.interface import MainScreen, screen_of
+from app.screens.interface import MainScreen, once, screen_of
 from app.screens.paged import Page, PagedScreen
-from app.screens.pages import apart, is_left, once
+from app.screens.pages import apart, is_left
 from app.screens.session_view import Gauges
 
 REFRESH_S = 0.1
@@ -106,11 +106,10 @@ class CheckScreen(MainScreen[None]):
     @once("port")
     async def action_port(self) -> None:
         """The first indicator whose port has gone is at another one: choose it, and try again."""
-        with self.app.complaining():
-            if port := await other_port(self, *self._check.lost):
-                self._check.read_at(port)
-                self.query_one(Gauges).name_them(self._check.plan.instruments)
-                self.action_retry()
+        if port := await other_port(self, *self._check.lost):
+            self._check.read_at(port)
+            self.query_one(Gauges).name_them(self._check.plan.instruments)
+            self.action_retry()
 
     def action_begin(self) -> None:
         if self.app.indicators is None:
@@ -118,7 +117,7 @@ class CheckScreen(MainScreen[None]):
         with self.app.complaining():
             guided = self._check.begin(self.app.indicators)
             self.app.indicators, self.app.guided = None, guided
-            self.app.go_to(screen_of("measuring", guided, self._check.plan))
+            self.app.go_to(screen_of("measure.MeasureScreen", guided, self._check.plan))
             self._check.remark(guided)
 
     async def action_back(self) -> None:

@@ -91,7 +91,7 @@ class Corrections(MainScreen[None]):
     def _result(self) -> Screen[None]:
         self.guided.finish()
         path = self.guided.path
-        return screen_of("result", solve_files([path]), self.plan, path)
+        return screen_of("result.ResultScreen", solve_files([path]), self.plan, path)
 
     def action_correct(self, what: str) -> None:
         """Repeat, take back, skip or set up anew, as `Correcting` calls it."""

@@ -19,9 +19,9 @@ from app.evaluating.diagnosis import (
 )
 from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
-from app.screens.interface import screen_of
+from app.screens.interface import once, screen_of
 from app.screens.paged import Page, PagedScreen
-from app.screens.pages import apart, once
+from app.screens.pages import apart
 from app.screens.what_if import tried
 from protocols.effect_entries import EffectEntry
 from protocols.files import unused_path
@@ -113,29 +113,27 @@ class DiagnoseScreen(PagedScreen[None]):
         diagnosed = self.diagnosed
         if diagnosed is None:
             return
-        with self.app.complaining():
-            pair = await tried(self, diagnosed.sessions, self.model, diagnosed=diagnosed)
-            if pair is None:
-                return
-            choice, entry = pair
-            if choice.standing != "model":
-                answer = "named" if choice.standing == "named" else f"{entry.id}:{entry.where}"
-                await self._adopt(diagnosed, answer, entry)
-            elif self.model is not None:
-                await apart(self, resize, diagnosed.sessions, self.model, entry)
-                self._look_again(diagnosed, self.model)
+        pair = await tried(self, diagnosed.sessions, self.model, diagnosed=diagnosed)
+        if pair is None:
+            return
+        choice, entry = pair
+        if choice.standing != "model":
+            answer = "named" if choice.standing == "named" else f"{entry.id}:{entry.where}"
+            await self._adopt(diagnosed, answer, entry)
+        elif self.model is not None:
+            await apart(self, resize, diagnosed.sessions, self.model, entry)
+            self._look_again(diagnosed, self.model)
 
     async def _correct(self, diagnosed: SessionDiagnosis) -> None:
         source = self.paths[0]
         proposed = unused_path(source.with_name(f"{source.stem}_corrected.jsonl"))
         target = await self.line(texts.WHICH_SESSION, "path", proposed=str(proposed))
         if target:
-            with self.app.complaining():
-                path = Path(target).expanduser()
-                correct(diagnosed, source, path)
-                self.app.notify(texts.CORRECTED.format(path, source.name))
-                self.paths = (path,)
-                self.begin()
+            path = Path(target).expanduser()
+            correct(diagnosed, source, path)
+            self.app.notify(texts.CORRECTED.format(path, source.name))
+            self.paths = (path,)
+            self.begin()
 
     async def _adopt(
         self, diagnosed: SessionDiagnosis, answer: str, held: EffectEntry | None = None
@@ -178,6 +176,6 @@ class DiagnoseScreen(PagedScreen[None]):
     @once("result")
     async def action_result(self) -> None:
         """What these sessions give, with the adopted effects where there are any."""
-        job = partial(screen_of, "solved", self.paths, self.model, verified=not self.app.read_only)
-        with self.app.complaining():
-            self.app.push_screen(await apart(self, job))
+        verified = not self.app.read_only
+        job = partial(screen_of, "result.result_of", self.paths, self.model, verified=verified)
+        self.app.push_screen(await apart(self, job))

@@ -12,8 +12,9 @@ from app.planning.hexaslide import Request, better_and_better, hexaslide_plannin
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from app.report.text import hexaslide as texts
 from app.report.text.hexaslide import asked_count, asked_request
+from app.screens.interface import once
 from app.screens.paged import Page, PagedScreen
-from app.screens.pages import apart, once
+from app.screens.pages import apart
 from calib.hexaslide.planning import HexaSlideSeen, look_at
 from calib.hexaslide.procedures import ProcedureKind
 from calib.hexaslide.search import BestPostures
@@ -102,9 +103,8 @@ class HexaSlideScreen(PagedScreen[None]):
     @once("ask")
     async def action_count(self) -> None:
         assert self.view is not None, "offered with it alone"
-        with self.app.complaining():
-            if count := await asked_count(self, self.view.fewest, self._count):
-                self._begin_anew(count)
+        if count := await asked_count(self, self.view.fewest, self._count):
+            self._begin_anew(count)
 
     def _begin_anew(self, count: int, *, searching: bool = False) -> None:
         """So many postures are searched for; what was found before is gone."""

@@ -14,8 +14,9 @@ from app.exports.hexaslide import write_calibrated
 from app.report.charts.hexaslide import drawn_machine, left_with, residual_charts
 from app.report.text import hexaslide_result as texts
 from app.report.text import hexaslide_what_if as what_if_texts
+from app.screens.interface import once
 from app.screens.paged import Page, PagedScreen
-from app.screens.pages import apart, once
+from app.screens.pages import apart
 from app.screens.what_if import SIZE_KEYS, SizesScreen
 from calib.diagnosis.hexaslide_what_if import CauseAtSize, PostureTrial
 from calib.errors import extra
@@ -80,13 +81,12 @@ class HexaSlideResultScreen(PagedScreen[None]):
     async def action_what_if(self) -> None:
         if self.result is None:
             return
-        with self.app.complaining():
-            causes = await apart(self, causes_to_try, self.result.solved.source)
-            words = what_if_texts.cause_words
-            listed = [(name, words(name, weight)) for name, weight in causes.likely.items()]
-            name = await self.choice(what_if_texts.WHICH, listed)
-            if name is not None:
-                await self.ask(PostureWhatIfScreen(self.path, causes, name))
+        causes = await apart(self, causes_to_try, self.result.solved.source)
+        words = what_if_texts.cause_words
+        listed = [(name, words(name, weight)) for name, weight in causes.likely.items()]
+        name = await self.choice(what_if_texts.WHICH, listed)
+        if name is not None:
+            await self.ask(PostureWhatIfScreen(self.path, causes, name))
 
     @once("write")
     async def action_export(self) -> None:
@@ -104,19 +104,19 @@ class HexaSlideResultScreen(PagedScreen[None]):
         ending = await self.choice(texts.WHICH_REPORT, choices)
         if ending is None:
             return
-        with self.app.complaining(), extra("the report", "report"):
-            from app.report.hexaslide_certificate import CertifiedPostures
-            from app.report.pages.hexaslide import source_from
-            from app.report.pages.report import write_report
+        assert self.result is not None, "offered with a result alone"
+        if path := await self.app.written(
+            partial(_report, self.result, self.path.with_suffix(ending))
+        ):
+            self.app.notify(texts.REPORT_WRITTEN.format(path))
 
-            def job(*, replace: bool) -> Path:
-                assert self.result is not None, "offered with a result alone"
-                certified = CertifiedPostures(self.result)
-                output = self.path.with_suffix(ending)
-                return write_report(lambda: source_from(certified), output, replace=replace)
 
-            if path := await self.app.written(job):
-                self.app.notify(texts.REPORT_WRITTEN.format(path))
+def _report(result: PostureResult, target: Path, *, replace: bool) -> Path:
+    with extra("the report", "report"):
+        from app.report.hexaslide_certificate import CertifiedPostures
+        from app.report.pages.hexaslide import source_from
+        from app.report.pages.report import write_report
+    return write_report(lambda: source_from(CertifiedPostures(result)), target, replace=replace)
 
 
 class PostureWhatIfScreen(SizesScreen[None, CauseAtSize]):

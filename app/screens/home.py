@@ -19,8 +19,8 @@ from app.measuring import recorded
 from app.report.text import home as texts
 from app.report.text.errand import SessionChoice, plan_to_go_on
 from app.screens import Look, look_of
-from app.screens.interface import MainScreen, screen_of
-from app.screens.pages import apart, once
+from app.screens.interface import MainScreen, once, screen_of
+from app.screens.pages import apart
 
 Shown = TypeVar("Shown", bound=Screen[Any])
 
@@ -82,11 +82,11 @@ class HomeScreen(MainScreen[None]):
             self.app.push_screen(look.opened(path, what))
         elif what == "continue":
             if plan := await plan_to_go_on(self, path):
-                self.app.push_screen(screen_of("check", plan))
+                self.app.push_screen(screen_of("check.CheckScreen", plan))
         elif what == "replay":
             self.app.push_screen(replay_screen(path, ()))
         elif what == "diagnose":
-            self.app.push_screen(screen_of("diagnosis", [path]))
+            self.app.push_screen(screen_of("diagnose.DiagnoseScreen", [path]))
         else:
             result = await self._computed(partial(_result, path, self.app.read_only))
             for warning in result.solved.warnings:
@@ -105,18 +105,18 @@ class HomeScreen(MainScreen[None]):
         """The form that was left, as it was left."""
         form = self.app.form
         if form is None or form in self.app.screen_stack:  # there a session began with it
-            form = self.app.form = screen_of("preparation")
+            form = self.app.form = screen_of("prepare.PrepareScreen")
             self.app.install_screen(form, f"form {id(form)}")  # it stays when it is left
         return form
 
     def _demonstration(self) -> Screen[None]:
         from app.measuring.demo import watched_plan
 
-        return screen_of("check", watched_plan(recorded.DEMO_FOLDER))
+        return screen_of("check.CheckScreen", watched_plan(recorded.DEMO_FOLDER))
 
 
 def _result(path: Path, read_only: bool) -> Any:  # noqa: ANN401 (a `ResultScreen`, not loaded yet)
-    screen: Any = screen_of("solved", [path], verified=not read_only)
+    screen: Any = screen_of("result.result_of", [path], verified=not read_only)
     screen.solved.work_out()
     return screen
 
@@ -124,14 +124,14 @@ def _result(path: Path, read_only: bool) -> Any:  # noqa: ANN401 (a `ResultScree
 def _comparison(before: Path, after: Path) -> Screen[None]:
     from app.evaluating.comparison import compare_files
 
-    return screen_of("comparison", compare_files(before, after))
+    return screen_of("history.CompareScreen", compare_files(before, after))
 
 
 def _history(folder: Path, looks: Sequence[Look]) -> Screen[None]:
     from app.evaluating.history import PART_S, read_history
 
     job = partial(read_history, folder, of_postures=looks, within_s=PART_S)
-    return screen_of("history", job(), job)
+    return screen_of("history.HistoryScreen", job(), job)
 
 
 class ReplayChoiceScreen(HomeScreen):
@@ -156,4 +156,4 @@ class ReplayChoiceScreen(HomeScreen):
 def replay_screen(path: Path, looks: Iterable[Look]) -> Screen[None]:
     """A session played once more; one with its own form is looked at. Raises RecordError."""
     look = look_of(path, looks)
-    return look.opened(path, "replay") if look else screen_of("replay", path)
+    return look.opened(path, "replay") if look else screen_of("replay.ReplayScreen", path)

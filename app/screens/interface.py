@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from functools import partial
@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from rich.cells import cell_len
 from rich.segment import Segment
-from textual import work
 from textual.actions import ActionParseResult
-from textual.app import App, ComposeResult, SystemCommand
+from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.color import Color
 from textual.containers import Vertical, VerticalScroll
@@ -95,6 +94,30 @@ class MainScreen(LeftOnce[ScreenResultType]):
     ) -> str | None:
         """What is typed; ``without`` says what happens without it."""
         return await self.ask(TextDialog(question, hint, proposed, without))
+
+
+def once(
+    group: str, *, outlives: bool = False
+) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Callable[..., None]]:
+    """A worker of a screen for a key that may be held: one of a group at a time.
+
+    It is cancelled where the screen is left, but for one that ``outlives`` it. Errors are shown.
+    """
+
+    def decorated(action: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+        async def begun(app: Glidecal, screen: MainScreen[Any], *given: object) -> None:
+            with app.complaining():
+                await action(screen, *given)
+
+        def begin_once(screen: MainScreen[Any], *given: object) -> None:
+            node = screen.app if outlives else screen
+            workers = [worker for worker in node.workers if worker.group == group]
+            if all(worker.is_finished for worker in workers if worker.node is node):
+                node.run_worker(begun(screen.app, screen, *given), group=group, description=group)
+
+        return begin_once
+
+    return decorated
 
 
 class Dialog(ModalScreen[ScreenResultType], LeftOnce[ScreenResultType]):
@@ -224,25 +247,9 @@ class PrintableRows(LineFilter):
 PRINTABLE_ROWS = PrintableRows()
 
 
-SCREENS = {
-    "align": "align.AlignScreen",
-    "check": "check.CheckScreen",
-    "comparison": "history.CompareScreen",
-    "diagnosis": "diagnose.DiagnoseScreen",
-    "history": "history.HistoryScreen",
-    "home": "home.HomeScreen",
-    "measuring": "measure.MeasureScreen",
-    "preparation": "prepare.PrepareScreen",
-    "replay": "replay.ReplayScreen",
-    "result": "result.ResultScreen",
-    "solved": "result.result_of",
-}
-"""To which screens others lead; each is loaded when it is asked for."""
-
-
 def screen_of(name: str, *given: object, **named: object) -> Screen[Any]:
-    """One of `SCREENS`, of what is given to its class."""
-    module, _, kind = SCREENS[name].partition(".")
+    """A screen by its module and class, such as "home.HomeScreen", loaded when it is asked for."""
+    module, _, kind = name.partition(".")
     screen: Screen[Any] = getattr(import_module(f"app.screens.{module}"), kind)(*given, **named)
     return screen
 
@@ -342,24 +349,25 @@ class Glidecal(App[str]):
             super()._handle_exception(error)
 
     def action_command_palette(self) -> None:
-        """What the palette offers, in a list like any other."""
-        commands = self.get_system_commands(self.screen)
-        self._choose(texts.WHICH_COMMAND, [(c.callback, f"{c.title}: {c.help}") for c in commands])
+        """What an operator can use, no tools of the developer, in a list like any other."""
+        jobs = (self.search_themes, self._save_screenshot, self._show_keys, self.action_quit)
+        rows = [*zip(jobs, texts.PALETTE, strict=True)]
+        self._choose(texts.WHICH_COMMAND, [rows[0], *rows[2:]] if self.read_only else rows)
 
     def search_themes(self) -> None:
         names = sorted(self.available_themes, key=lambda name: (name not in PLAIN, name))
         rows = [(partial(setattr, self, "theme", name), name) for name in names]
         self._choose(texts.WHICH_THEME, rows, names.index(self.theme))
 
-    @work
-    async def _choose(
+    def _choose(
         self, question: str, rows: Sequence[tuple[Callable[[], object], str]], highlighted: int = 0
     ) -> None:
         """Do one of these things; not over another question."""
         if not isinstance(self.screen, ModalScreen):
-            dialog = ChoiceDialog(question, rows, highlighted)
-            if chosen := await self.push_screen_wait(dialog):
-                self.call_later(chosen)
+            # after a refresh: by then the list is gone, and the screen below is the one shown
+            later = [(partial(self.call_after_refresh, job), words) for job, words in rows]
+            dialog = ChoiceDialog(question, later, highlighted)
+            self.push_screen(dialog, lambda begin: None if begin is None else begin())
 
     def get_css_variables(self) -> dict[str, str]:
         self.theme_variables = (variables := super().get_css_variables()) | legible(variables)
@@ -377,16 +385,6 @@ class Glidecal(App[str]):
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         return [*super().get_line_filters(), PRINTABLE_ROWS]
-
-    def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
-        """The palette offers what an operator can use, no tools of the developer."""
-        theme, picture, keys, leave = texts.PALETTE
-        yield SystemCommand(*theme, self.action_change_theme)
-        if not self.read_only:
-            # after a refresh: by then the list is gone, and the screen below is the one shown
-            yield SystemCommand(*picture, lambda: self.call_after_refresh(self._save_screenshot))
-        yield SystemCommand(*keys, lambda: self.call_after_refresh(self._show_keys))
-        yield SystemCommand(*leave, self.action_quit)
 
     def watch_theme(self, theme: str) -> None:
         """A theme that was chosen here is remembered for the next time."""
@@ -486,11 +484,11 @@ class Glidecal(App[str]):
         if len(self.screen_stack) > 2:  # Textual's blank one is the first
             self.pop_screen()
         elif not self.read_only:
-            self.go_to(screen_of("home"))
+            self.go_to(screen_of("home.HomeScreen"))
 
     async def pause_session(self) -> None:
         text = await self._leave()
-        self.go_to(screen_of("home"))
+        self.go_to(screen_of("home.HomeScreen"))
         self.notify(text)
 
     async def action_interrupt(self) -> None:

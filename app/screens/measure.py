@@ -22,9 +22,9 @@ from app.measuring.session import GuidedSession
 from app.report.text import motion, questions
 from app.report.text import session as texts
 from app.screens.corrections import Corrections
-from app.screens.interface import ChoiceDialog, screen_of
-from app.screens.pages import KeyLine, Resting, apart, is_left, once
-from app.screens.session_view import LegReviewScreen, MotionDialog, SessionView
+from app.screens.interface import ChoiceDialog, once, screen_of
+from app.screens.pages import KeyLine, Resting, apart, is_left
+from app.screens.session_view import LegReviewScreen, MotionDialog, SessionScreen, SessionView
 from drivers.motion.states import State
 from protocols.clock import SleepWatch
 from protocols.expectation import Movement
@@ -40,7 +40,7 @@ class KeysInForce(KeyLine, Resting):
     """The keys, at the bottom."""
 
 
-class MeasureScreen(Corrections, Resting):
+class MeasureScreen(Corrections, SessionScreen, Resting):
     """One step after the other; Space takes it."""
 
     HELP = texts.MEASURE_HELP
@@ -129,14 +129,15 @@ class MeasureScreen(Corrections, Resting):
 
     def _show_step(self) -> None:
         session, steps = self.guided.session, self.guided.steps
-        self.view.show_progress(texts.progress_text(session, steps, self.attended.mode))
-        self.view.show_step(session, steps, self.guided.step(), self.attended.taken_by)
+        place = session, steps, self.guided.step()
+        progress = texts.progress_text(session, steps, self.attended.mode)
+        self.view.show(progress, *place, self.attended.taken_by)
         self._draw_live()  # in the same picture: a step takes long to draw, readings must not wait
 
     def _draw_live(self) -> Sequence[Live]:
         states = self.attended.live(busy=self.busy)
         if not isinstance(self.app.screen, LegReviewScreen):  # it lies over the digits
-            self.view.show_live(states)
+            self.view.gauges.show(states)
         return states
 
     def _show_live(self) -> None:
@@ -326,18 +327,9 @@ class MeasureScreen(Corrections, Resting):
         else:
             self.say(motion.no_consent_text(mover))
 
-    def action_plot(self) -> None:
-        self.view.turn_page()
-
-    @work
-    async def action_where(self) -> None:
-        picture = self.view.where(self.guided.session, self.guided.step())
-        if picture:
-            await self.ask(picture)
-
     def _begin_finish(self) -> None:
         if self.plan.reference and not self.guided.closed:
-            self.app.go_to(screen_of("align", self.guided, self.plan))
+            self.app.go_to(screen_of("align.AlignScreen", self.guided, self.plan))
         elif not self.busy:
             self.busy = True
             self.say(texts.COMPUTING)

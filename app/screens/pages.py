@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any, ParamSpec, Self, TypeVar
 
@@ -55,26 +55,6 @@ async def apart(
     finally:
         if is_left(screen):
             raise asyncio.CancelledError
-
-
-def once(
-    group: str, *, outlives: bool = False
-) -> Callable[[Callable[..., Coroutine[Any, Any, None]]], Callable[..., None]]:
-    """A worker of a screen for a key that may be held: one of a group at a time.
-
-    It is cancelled where the screen is left, but for one that ``outlives`` it.
-    """
-
-    def decorated(action: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
-        def begin_once(screen: Screen[Any], *given: object) -> None:
-            node = screen.app if outlives else screen
-            workers = [worker for worker in node.workers if worker.group == group]
-            if all(worker.is_finished for worker in workers if worker.node is node):
-                node.run_worker(action(screen, *given), group=group, description=group)
-
-        return begin_once
-
-    return decorated
 
 
 SHOWN_S = 15.0

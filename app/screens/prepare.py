@@ -23,8 +23,8 @@ from app.report.text import home as texts
 from app.report.text.indicator import findings_text, trial_text
 from app.report.text.preparing import indicator_fields, prepared_texts
 from app.screens.check import CheckScreen, DryRunScreen
-from app.screens.interface import MainScreen
-from app.screens.pages import apart, once
+from app.screens.interface import MainScreen, once
+from app.screens.pages import apart
 from protocols.documents import MOST_LETTERS
 
 
@@ -117,11 +117,8 @@ class IndicatorScreen(FormScreen[Form]):
     @once("try")
     async def action_try_profiles(self) -> None:
         """Ask the port as each profile does: the operator says that an indicator is there."""
-        with self.app.complaining():
-            self._trial = ProfileTrial(self._read())
-            await self._try(self._trial)
+        trial = self._trial = ProfileTrial(self._read())
 
-    async def _try(self, trial: ProfileTrial) -> None:
         def tell(*asked: object) -> None:
             words = f"{texts.TRYING}\n{trial_text(*asked)}"  # type: ignore[arg-type]
             self.app.call_from_thread(self.summary, words)

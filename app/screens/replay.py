@@ -14,16 +14,16 @@ from textual.widgets import Log
 from app.measuring.attended import TakenBy
 from app.measuring.playback import Playback
 from app.report.text import replay as texts
-from app.screens.interface import MainScreen, screen_of
-from app.screens.pages import apart, last_lines, once
-from app.screens.session_view import SessionView
+from app.screens.interface import once, screen_of
+from app.screens.pages import apart, last_lines
+from app.screens.session_view import SessionScreen, SessionView
 from calib.errors import GlidecalError
 from protocols.record import read_record
 
 TICK_S = 0.1
 
 
-class ReplayScreen(MainScreen[None]):
+class ReplayScreen(SessionScreen):
     """One record, played or moved through by hand.
 
     Raises RecordError or UsageError where the file cannot be used.
@@ -72,7 +72,7 @@ class ReplayScreen(MainScreen[None]):
         if self.playback.tick():
             self._show()
         else:
-            self.view.show_live(self.playback.live)
+            self.view.gauges.show(self.playback.live)
 
     def _show(self) -> None:
         """Everything as it is at this place of the record."""
@@ -82,9 +82,9 @@ class ReplayScreen(MainScreen[None]):
 
     def _show_picture(self) -> None:
         playback = self.playback
-        self.view.show_progress(texts.progress_line(playback))
-        self.view.show_step(playback.shown, playback.steps, playback.now, TakenBy.NOBODY)
-        self.view.show_live(playback.live)
+        place = playback.shown, playback.steps, playback.now
+        self.view.show(texts.progress_line(playback), *place, TakenBy.NOBODY)
+        self.view.gauges.show(playback.live)
 
     def _show_list(self) -> None:
         """The readings so far; what is shown already is only added to."""
@@ -121,14 +121,6 @@ class ReplayScreen(MainScreen[None]):
         listing = self.query_one(Log)
         listing.scroll_relative(y=by * listing.scrollable_content_region.height, animate=False)
 
-    def action_plot(self) -> None:
-        self.view.turn_page()
-
-    def action_where(self) -> None:
-        picture = self.view.where(self.playback.shown, self.playback.now)
-        if picture:
-            self.app.push_screen(picture)
-
     def action_copy(self) -> None:
         self.app.copy("\n".join(texts.reading_lines(self.playback.session)))
 
@@ -148,7 +140,7 @@ class ReplayScreen(MainScreen[None]):
     async def action_result(self) -> None:
         self.action_playback("pause")
         try:
-            result = await apart(self, screen_of, "solved", [self.path], verified=False)
+            result = await apart(self, screen_of, "result.result_of", [self.path], verified=False)
             if self.is_current:
                 self.app.push_screen(result)
         except GlidecalError as problem:

@@ -22,9 +22,9 @@ from app.report.text import result as texts
 from app.report.text import what_if as what_if_texts
 from app.report.text.correction import SUBSET_WORDS
 from app.report.text.glance import Done, glance_text
-from app.screens.interface import screen_of
+from app.screens.interface import once, screen_of
 from app.screens.paged import Page, PagedScreen
-from app.screens.pages import apart, is_left, once
+from app.screens.pages import apart, is_left
 from app.screens.plot import LegPlots
 from app.screens.what_if import tried
 from calib.errors import extra
@@ -116,11 +116,10 @@ class ResultScreen(PagedScreen[None]):
         sets = [(subset, SUBSET_WORDS[subset]) for subset in SUBSETS]
         subset = await self.choice(texts.WHICH_SET, sets)
         if subset is not None:
-            with self.app.complaining():
-                if self.query_one(TabbedContent).active == "result":
-                    self.action_show_page("details")
-                self.solved = self.solved.with_subset(subset)
-                self._show()
+            if self.query_one(TabbedContent).active == "result":
+                self.action_show_page("details")
+            self.solved = self.solved.with_subset(subset)
+            self._show()
 
     @once("export", outlives=True)
     async def action_export(self) -> None:
@@ -140,7 +139,7 @@ class ResultScreen(PagedScreen[None]):
         with self.app.complaining():
             if self.plan is not None:
                 plan = verification_plan(self.plan, self.solved)
-                self.app.push_screen(screen_of("check", plan))
+                self.app.push_screen(screen_of("check.CheckScreen", plan))
 
     @once("report", outlives=True)
     async def action_report(self) -> None:
@@ -156,26 +155,25 @@ class ResultScreen(PagedScreen[None]):
 
         One of the model gets this size; any other one is for the diagnosis to adopt.
         """
-        with self.app.complaining():
-            sessions, subset = self.solved.sessions, self.solved.subset
-            pair = await tried(self, sessions, self.model, subset=self.solved.solution.subset)
-            if pair is None:
-                return
-            choice, entry = pair
-            if choice.standing != "model" or self.model is None:
-                self.app.complain(self.app.keyed(what_if_texts.DIAGNOSE_FIRST))
-                return
-            self.app.notify(what_if_texts.RESIZING)
-            model = await asyncio.to_thread(resize, sessions, self.model, entry)
-            solved = await apart(self, solve_sessions, sessions, subset=subset, model=model)
-            await apart(self, solved.work_out)
-            self.app.notify(what_if_texts.RESIZED.format(self.model))
-            self.solved = solved
-            self._show()
+        sessions, subset = self.solved.sessions, self.solved.subset
+        pair = await tried(self, sessions, self.model, subset=self.solved.solution.subset)
+        if pair is None:
+            return
+        choice, entry = pair
+        if choice.standing != "model" or self.model is None:
+            self.app.complain(self.app.keyed(what_if_texts.DIAGNOSE_FIRST))
+            return
+        self.app.notify(what_if_texts.RESIZING)
+        model = await asyncio.to_thread(resize, sessions, self.model, entry)
+        solved = await apart(self, solve_sessions, sessions, subset=subset, model=model)
+        await apart(self, solved.work_out)
+        self.app.notify(what_if_texts.RESIZED.format(self.model))
+        self.solved = solved
+        self._show()
 
     def action_diagnose(self) -> None:
         self._did(Done.DIAGNOSED)
-        self.app.push_screen(screen_of("diagnosis", [self.path]))
+        self.app.push_screen(screen_of("diagnose.DiagnoseScreen", [self.path]))
 
 
 def _report(path: Path, target: Path, *, replace: bool) -> Path:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from itertools import zip_longest
 from typing import ClassVar
 
 from rich.segment import Segment
 from rich.style import Style
+from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
@@ -30,7 +31,7 @@ from app.report.text import motion
 from app.report.text import session as texts
 from app.report.text.gauges import NO_NUMBER, panel_title, port_words, shown_number, state_words
 from app.report.text.leg_review import REVIEW_HELP, leg_review_text
-from app.screens.interface import WIDE, Dialog, Glidecal
+from app.screens.interface import WIDE, Dialog, Glidecal, MainScreen
 from app.screens.pages import Resting, signalled
 from app.screens.plot import ChartPlot
 from drivers.motion.line import DEAD_S
@@ -155,79 +156,63 @@ class Gauges(SideBySide):
 
 
 class Words(Static, Resting):
-    """Lines of text."""
+    """Lines of text, as many as there is room for."""
 
+    _of_rows: Callable[[int], str] | None = None
 
-class StepList(Words):
-    """The steps around the present one, as many as fit."""
-
-    def __init__(self) -> None:
-        super().__init__(id="steps", markup=False)
-        self.border_title = "steps"
-        self._lines: list[str] = []
-        self._at = 0
-
-    def show(self, session: Session, steps: Sequence[Step], now: Step | None) -> None:
-        self._lines = texts.step_lines(session, steps, now)
-        self._at = (now.number if now else len(steps)) - 1
+    def fill(self, text_of_rows: Callable[[int], str]) -> None:
+        """With what this gives for so many rows, now and whenever there are more or fewer."""
+        self._of_rows = text_of_rows
         self.on_resize()
 
     def on_resize(self) -> None:
-        height = max(self.content_size.height, 4)  # so many on the least screen; 0 until laid out
-        first = max(0, min(self._at - height // 2, len(self._lines) - height))
-        self.update("\n".join(self._lines[first : first + height]), layout=False)
-
-
-class LegTable(Words):
-    """The leg so far, as many of the last cycles as fit."""
-
-    _shown: tuple[Session, Sequence[Step], Step] | None = None
-
-    def show(self, session: Session, steps: Sequence[Step], step: Step) -> None:
-        self._shown = session, steps, step
-        self.on_resize()
-
-    def on_resize(self) -> None:
-        if self._shown is not None:
-            there = self.content_size.height or texts.LINES_THERE
-            self.update(texts.so_far_text(*self._shown, there), layout=False)
+        if self._of_rows is not None:
+            self.update(self._of_rows(self.content_size.height), layout=False)
 
 
 class SessionView(Vertical, Resting):
     """The same picture whether a session is measured or replayed."""
 
     app: Glidecal
+    _now: tuple[Session, Step] | None = None
 
     def __init__(self, instruments: Sequence[Instrument | None]) -> None:
         super().__init__()
         self._instruments = tuple(instruments)
-        self._gauges = Gauges(self._instruments)
+        self.gauges = Gauges(self._instruments)
 
     def compose(self) -> ComposeResult:
         yield Words("", id="progress", markup=False)
         yield Words("", id="step", markup=False)
-        yield StepList()
-        yield self._gauges
+        yield Words("", id="steps", markup=False)
+        yield self.gauges
         yield Words("", id="said", markup=False)
         with SideBySide(id="lower"):
-            yield LegTable("", id="table", markup=False)
+            yield Words("", id="table", markup=False)
             yield ChartPlot(plot_id="chart")
 
-    def show_progress(self, text: str) -> None:
-        self.query_one("#progress", Static).update(text, layout=False)
+    def on_mount(self) -> None:
+        self.query_one("#steps").border_title = "steps"
 
-    def show_step(
-        self, session: Session, steps: Sequence[Step], step: Step | None, by: TakenBy
+    def show(
+        self,
+        progress: str,
+        session: Session,
+        steps: Sequence[Step],
+        step: Step | None,
+        by: TakenBy,
     ) -> None:
-        """The present step and who takes it, the list around it, the leg so far."""
-        self.query_one(StepList).show(session, steps, step)
+        """A line on all, the present step and who takes it, the list around it, the leg so far."""
+        self.query_one("#progress", Words).update(progress, layout=False)
+        self.query_one("#steps", Words).fill(partial(texts.steps_text, session, steps, step))
+        self._now = (session, step) if step else None
         if step is None:
             return
         words = self.app.keyed(texts.step_text(step, session, by))
-        self.query_one("#step", Static).update(words, layout=False)
-        self.query_one(LegTable).show(session, steps, step)
+        self.query_one("#step", Words).update(words, layout=False)
+        self.query_one("#table", Words).fill(partial(texts.so_far_text, session, steps, step))
         self.set_timer(CHART_S, partial(self._show_chart, session, step))
-        self._gauges.name_them(self._instruments, step)
+        self.gauges.name_them(self._instruments, step)
 
     def _show_chart(self, session: Session, step: Step) -> None:
         """The readings of the leg; the picture of the set-up while there are none to show."""
@@ -236,21 +221,18 @@ class SessionView(Vertical, Resting):
             chart if chart.series else drawn_set_up(session, step, self._instruments) or chart
         )
 
-    def show_live(self, states: Sequence[Live]) -> None:
-        self._gauges.show(states)
-
-    def where(self, session: Session, step: Step | None) -> SetUpScreen | None:
-        """The set-up of a step as a picture with words; None where no leg is read."""
-        if step is None or step.leg == "tool":
+    def where(self) -> SetUpScreen | None:
+        """The set-up of the step as a picture with words; None where no leg is read."""
+        if self._now is None or self._now[1].leg == "tool":
             return None
-        return SetUpScreen(session, step, self._instruments)
+        return SetUpScreen(*self._now, self._instruments)
 
     def rename(self, number: int, port: str) -> tuple[Instrument, ...]:
         """An indicator is at another port now. Returns all of them."""
         names = list(self._instruments)
         names[number] = (name := names[number]) and name.model_copy(update={"port": port})
         self._instruments = tuple(names)
-        self._gauges.name_them(self._instruments)
+        self.gauges.name_them(self._instruments)
         return tuple(filter(None, self._instruments))
 
     def say(self, text: str) -> None:
@@ -271,6 +253,20 @@ class SessionView(Vertical, Resting):
             self.set_class(True, "stripped").remove_class("plotted")
         else:
             self.add_class("plotted")
+
+
+class SessionScreen(MainScreen[None]):
+    """A screen with the picture of a session."""
+
+    view: SessionView
+
+    def action_plot(self) -> None:
+        self.view.turn_page()
+
+    @work
+    async def action_where(self) -> None:
+        if picture := self.view.where():
+            await self.ask(picture)
 
 
 class SetUpScreen(Dialog[None]):

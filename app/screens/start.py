@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 def open_interface(looks: Sequence[Look]) -> int:
     """Home. Returns the exit status."""
     need_terminal("terminal interface", "a verb: see glidecal --help")
-    return open_screen(screen_of("home"), looks)
+    return open_screen(screen_of("home.HomeScreen"), looks)
 
 
 def open_session(plan: Plan, looks: Sequence[Look]) -> int:
     """The instrument check of a planned or interrupted session, then measuring."""
-    return open_screen(screen_of("check", plan), looks)
+    return open_screen(screen_of("check.CheckScreen", plan), looks)
 
 
 def open_replay(paths: Sequence[Path], looks: Sequence[Look], *, served: bool = False) -> int:

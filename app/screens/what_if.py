@@ -19,8 +19,9 @@ from app.report.charts.charts import Chart
 from app.report.charts.results import predictions_with, residuals_with
 from app.report.text import what_if as texts
 from app.report.text.home import ONLY_SHOWN
+from app.screens.interface import once
 from app.screens.paged import Page, PagedScreen
-from app.screens.pages import apart, once, signalled
+from app.screens.pages import apart, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
 from calib.identify.solution import Subset

@@ -59,7 +59,13 @@ from app.screens.plot import ChartPlot
 from app.screens.prepare import FormScreen, IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
-from app.screens.session_view import GaugeDisplay, LegReviewScreen, MotionDialog, SetUpScreen
+from app.screens.session_view import (
+    GaugeDisplay,
+    LegReviewScreen,
+    MotionDialog,
+    SessionScreen,
+    SetUpScreen,
+)
 from app.screens.what_if import SizesScreen, WhatIfScreen
 from drivers.motion.twins import MotionTrouble
 from protocols.hexaslide_measured import measured_in
@@ -158,7 +164,16 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     TextDialog: lambda _: TextDialog("Why? " * 30, "reason", without="step 12 stays the next."),
     HelpDialog: lambda _: HelpDialog("words"),
 }
-PARTS = {Corrections, Dialog, FormScreen, LeftOnce, MainScreen, PagedScreen, SizesScreen}
+PARTS = {
+    Corrections,
+    Dialog,
+    FormScreen,
+    LeftOnce,
+    MainScreen,
+    PagedScreen,
+    SessionScreen,
+    SizesScreen,
+}
 """What screens are made of."""
 
 

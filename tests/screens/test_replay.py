@@ -14,7 +14,7 @@ from app.screens.home import HomeScreen, ReplayChoiceScreen
 from app.screens.interface import Glidecal, HelpDialog, TextDialog
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
-from app.screens.session_view import GaugeDisplay, StepList
+from app.screens.session_view import GaugeDisplay
 from protocols.record import read_record
 from protocols.session import fold
 from tests.recorded import REASON, story, write
@@ -77,7 +77,7 @@ async def test_the_list_of_steps_is_on_the_screen(record_path: Path) -> None:
         async with interface.run_test(size=size) as pilot:
             await begin(pilot, interface)
             await pilot.pause()
-            region = interface.screen.query_one(StepList).region
+            region = interface.screen.query_one("#steps").region
             assert region.right <= size[0]
             assert region.width == 20
             for place in ("#said", "#table"):

@@ -330,10 +330,10 @@ the result. Nothing is opened or written."""
 WHICH_COMMAND = "What do you want to do?"
 WHICH_THEME = "Which colours?"
 PALETTE = (
-    ("Theme", "Choose the colours; kept in the settings"),
-    ("Screenshot", "Save this screen as an SVG picture in the current folder"),
-    ("Keys", "Every key of this screen"),
-    ("Quit", "Leave; an open session is paused and can be continued"),
+    "Theme: Choose the colours; kept in the settings",
+    "Screenshot: Save this screen as an SVG picture in the current folder",
+    "Keys: Every key of this screen",
+    "Quit: Leave; an open session is paused and can be continued",
 )
 TOO_SMALL = (
     "This window has {} × {} characters, and words are cut. glidecal needs {} × {}: make it larger."

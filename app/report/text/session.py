@@ -256,11 +256,11 @@ def so_far_text(
 ) -> str:
     """What was read where a step is, minus the Zero of its cycle, in mm.
 
-    Of a leg the last cycles that fit.
+    Of a leg the last cycles that fit; without lines as on the least screen.
     """
     rows, geometry = leg_rows(session, step), session.opened.machine.geometry()
     if step.position_mm is None:
-        cycles = max(1, (lines_there - 1) // len(step.axes))
+        cycles = max(1, ((lines_there or LINES_THERE) - 1) // len(step.axes))
         rows = [row for axis in step.axes for row in _along(axis, rows)[-cycles:]]
         here = [s for s in steps if (s.leg, s.over_plane) == (step.leg, step.over_plane)]
         levels_mm = [s.displacement_mm for s in here]
@@ -315,16 +315,22 @@ def replay_text(report: ReplayReport) -> str:
     )
 
 
-def step_lines(session: Session, steps: Sequence[Step], now: Step | None) -> list[str]:
-    """A line for each step: + done, - skipped, > now."""
+STEPS_THERE = 4
+"""Of the list of steps on the least screen."""
+
+
+def steps_text(session: Session, steps: Sequence[Step], now: Step | None, rows: int) -> str:
+    """A line for each step around the present one, in so many rows: + done, - skipped, > now."""
     geometry, visits = session.opened.machine.geometry(), visits_of(tuple(steps))
     marks = dict.fromkeys(session.skipped, "-") | dict.fromkeys(session.done(), "+")
     if now is not None:
         marks[now.number] = ">"
-    return [
+    height, at = max(rows, STEPS_THERE), (now.number if now else len(steps)) - 1
+    first = max(0, min(at - height // 2, len(steps) - height))
+    return "\n".join(
         f"{marks.get(s.number, ' ')} {s.number:>3} {step_in_list(s, geometry, visits[s.number])}"
-        for s in steps
-    ]
+        for s in steps[first : first + height]
+    )
 
 
 def step_in_list(step: Step, geometry: Geometry, visit: str) -> str:

@@ -15,7 +15,7 @@ from typer.core import TyperGroup
 from app.commands import demo, diagnose, indicators, measuring, planning, results, sessions
 from app.exit_codes import Exit, exit_code
 from app.machines.registry import LOOKS, NAMED_BESIDE, CommandOfMachines
-from app.report.streams import guard_standard_streams
+from app.report.streams import guard_standard_streams, need_terminal
 from app.version import program
 from calib.errors import GlidecalError, RecordError
 
@@ -74,9 +74,10 @@ def home(
     if no_animations:
         os.environ["TEXTUAL_ANIMATIONS"] = "none"  # Textual reads it once, when imported
     if context.invoked_subcommand is None:
-        from app.screens.start import open_interface
+        need_terminal("terminal interface", "a verb: see glidecal --help")
+        from app.screens.interface import open_screen, screen_of
 
-        raise typer.Exit(open_interface(LOOKS))
+        raise typer.Exit(open_screen(screen_of("home.HomeScreen"), LOOKS))
 
 
 def settings() -> None:

@@ -61,9 +61,9 @@ def demo(
     )
     writable_folder(folder)
     if not unattended:
-        from app.screens.start import open_session
+        from app.screens.interface import open_screen, screen_of
 
-        raise typer.Exit(open_session(plan, LOOKS))
+        raise typer.Exit(open_screen(screen_of("check.CheckScreen", plan), LOOKS))
     before, after = run_headless(plan)
     typer.echo(solution_text(before))
     typer.echo("\nAfter the joint offsets were entered in the controller:\n")

@@ -281,9 +281,9 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = WITHOUT_A_SCREEN) ->
         check_asking(plan)
     if not headless:
         need_terminal("guided session", otherwise)
-        from app.screens.start import open_session
+        from app.screens.interface import open_screen, screen_of
 
-        raise typer.Exit(open_session(plan, LOOKS))
+        raise typer.Exit(open_screen(screen_of("check.CheckScreen", plan), LOOKS))
     if not (plan.simulated or plan.motion):
         raise UsageError("--headless", "real indicators", WITHOUT_A_SCREEN)
     quick = replace(plan, interval_s=QUICK_INTERVAL_S)

@@ -78,7 +78,7 @@ def identifiability(
     its_file = machine_file_of(machine, NAMES, machine_file)
     answer = family.identifiability(Question(machine, procedure or "", its_file), options)
     if isinstance(answer, ScreenAnswer):
-        from app.screens.start import open_screen
+        from app.screens.interface import open_screen
 
         raise typer.Exit(open_screen(answer.screen(), LOOKS))
     typer.echo(answer.shown(as_json=as_json))

@@ -338,7 +338,7 @@ def history(
     if screen:
         from app.report.streams import need_terminal
         from app.screens.history import HistoryScreen
-        from app.screens.start import open_screen
+        from app.screens.interface import open_screen
 
         need_terminal("history", "history without --screen")
         raise typer.Exit(open_screen(HistoryScreen(past), LOOKS))

@@ -384,9 +384,11 @@ def replay(
             threading.Thread(target=_end_with_the_server, daemon=True).start()
         else:
             need_terminal("replay", "--headless")
-        from app.screens.start import open_replay
+        from app.screens.home import first_replay
+        from app.screens.interface import open_screen
 
-        raise typer.Exit(open_replay(session, LOOKS, served=served))
+        first = first_replay(session, LOOKS, served=served)
+        raise typer.Exit(open_screen(first, LOOKS, read_only=served))
     from app.report.schema.readings import ReplayedSession, ReplayReport
     from app.report.text.session import replay_text
     from protocols.record import read_record

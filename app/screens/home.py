@@ -157,3 +157,14 @@ def replay_screen(path: Path, looks: Iterable[Look]) -> Screen[None]:
     """A session played once more; one with its own form is looked at. Raises RecordError."""
     look = look_of(path, looks)
     return look.opened(path, "replay") if look else screen_of("replay.ReplayScreen", path)
+
+
+def first_replay(paths: Sequence[Path], looks: Iterable[Look], *, served: bool) -> Screen[None]:
+    """A recorded session again, or a list of several. Raises RecordError for a bad file.
+
+    Folders may be among them where they are ``served`` to others.
+    """
+    for path in () if served else paths:
+        recorded.check_session(path)
+    alone = len(paths) == 1 and not paths[0].is_dir()
+    return replay_screen(paths[0], looks) if alone else ReplayChoiceScreen(paths)

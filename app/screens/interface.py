@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
@@ -34,12 +35,12 @@ from app.report.text import home as texts
 from app.report.text.tables import copied_text, keyed
 from app.screens import Look
 from app.screens.fast_keys import LeftOnce, lacks_parts, ready
-from app.screens.keys import usual_key
+from app.screens.keys import settings_for_screens, usual_key
 from app.screens.pages import Message, last_lines, legible, signalled
 from app.settings import Settings, save_theme, settings_path, split
 from calib.errors import GlidecalError
 from calib.printable import HIDDEN
-from protocols.files import FilesThere, unused_path
+from protocols.files import FilesThere, unused_path, write_files
 
 if TYPE_CHECKING:
     from app.measuring.moving import Mover
@@ -395,8 +396,6 @@ class Glidecal(App[str]):
             save_theme(settings_path(), theme)
 
     def _save_screenshot(self) -> None:
-        from protocols.files import write_files
-
         path = unused_path(Path(f"glidecal_{datetime.now():%Y-%m-%d_%H%M%S}.svg"))
         with self.complaining():
             write_files(path, {"": self.export_screenshot()})
@@ -527,3 +526,15 @@ class Glidecal(App[str]):
         while isinstance(self.screen, ModalScreen):
             self.pop_screen()
         self.switch_screen(screen)
+
+
+def open_screen(first: Screen[None], looks: Sequence[Look], *, read_only: bool = False) -> int:
+    """The interface with this screen; ``looks`` are what home offers of machines.
+
+    Returns the exit status.
+    """
+    settings = settings_for_screens(settings_path())
+    interface = Glidecal(first, settings=settings, read_only=read_only, looks=looks)
+    if message := interface.run():
+        print(message, file=sys.stderr)
+    return interface.return_code or 0

@@ -36,10 +36,6 @@ AGES_S = 0.2
 """Ages and stale indicators are looked at so often."""
 
 
-class KeysInForce(KeyLine, Resting):
-    """The keys, at the bottom."""
-
-
 class MeasureScreen(Corrections, SessionScreen, Resting):
     """One step after the other; Space takes it."""
 
@@ -72,7 +68,7 @@ class MeasureScreen(Corrections, SessionScreen, Resting):
 
     def compose(self) -> ComposeResult:
         yield self.view
-        yield KeysInForce()
+        yield KeyLine()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """G is for a machine that a controller moves, and takes by itself there; A for the rest.

@@ -79,28 +79,6 @@ class Message(Static):
         self._fading = self.set_timer(SHOWN_S, partial(self.tell, "")) if text else None
 
 
-class KeyLine(Footer):
-    """The keys in the order of the bindings, which is that of their importance.
-
-    Textual moves one of other settings behind all others.
-    """
-
-    def __init__(self) -> None:
-        super().__init__(compact=True, show_command_palette=False)
-
-    def compose(self) -> ComposeResult:
-        places = (*bindings_of(type(self.screen)), *bindings_of(type(self.app)))
-        keys = {key: getattr(key, "action", "") for key in super().compose()}
-        order = [*(binding.action for _, binding in places), *keys.values()]
-        yield from sorted(keys, key=lambda key: order.index(keys[key]))
-
-
-def last_lines() -> ComposeResult:
-    """What happened last, and the keys: the end of every screen."""
-    yield Message()
-    yield KeyLine()
-
-
 class Resting(Widget):
     """Keeps its rows as drawn until it is told to draw again.
 
@@ -155,6 +133,28 @@ class Resting(Widget):
     def notify_style_update(self) -> None:
         self._rows = None
         super().notify_style_update()
+
+
+class KeyLine(Footer, Resting):
+    """The keys in the order of the bindings, which is that of their importance.
+
+    Textual moves one of other settings behind all others.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(compact=True, show_command_palette=False)
+
+    def compose(self) -> ComposeResult:
+        places = (*bindings_of(type(self.screen)), *bindings_of(type(self.app)))
+        keys = {key: getattr(key, "action", "") for key in super().compose()}
+        order = [*(binding.action for _, binding in places), *keys.values()]
+        yield from sorted(keys, key=lambda key: order.index(keys[key]))
+
+
+def last_lines() -> ComposeResult:
+    """What happened last, and the keys: the end of every screen."""
+    yield Message()
+    yield KeyLine()
 
 
 class RowFrame:

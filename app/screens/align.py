@@ -62,7 +62,7 @@ class AlignScreen(Corrections):
         else:
             self.round = Round(self.guided, aligned)
             self.say(texts.round_begins_text(aligned))
-            self._choose(0)
+            self.action_choose(0)
         self.set_interval(LIVE_S, self._show)
         self._show()
 
@@ -89,16 +89,13 @@ class AlignScreen(Corrections):
         assert self.round is not None, "these keys are offered in a round alone"
         return self.round
 
-    def _choose(self, by: int) -> None:
-        with self.writing():
-            self.query_one(Gauges).name_them(self.plan.instruments, self.rails.choose(by))
-
     def action_choose(self, by: int) -> None:
         """Another screw; one that is watched is finished first."""
         if self.rails.watching is not None:
             self.say(texts.IS_WATCHED)
             return
-        self._choose(by)
+        with self.writing():
+            self.query_one(Gauges).name_them(self.plan.instruments, self.rails.choose(by))
         self._show()
 
     async def _may_move(self) -> bool:

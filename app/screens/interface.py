@@ -43,7 +43,6 @@ from calib.printable import HIDDEN
 from protocols.files import FilesThere, unused_path, write_files
 
 if TYPE_CHECKING:
-    from app.measuring.moving import Mover
     from app.measuring.session import GuidedSession, Indicators
 
 Answer = TypeVar("Answer")
@@ -311,17 +310,13 @@ class Glidecal(App[str]):
             return
         await super().on_event(event)
 
-    @property
-    def mover(self) -> Mover | None:
-        owner = self.guided or self.indicators
-        return owner.mover if owner else None
-
     def _stops(self, event: Event) -> bool:
         """Whether this input stopped a machine, or was a key that is still held, and no more.
 
         Whatever screen or dialog lies on top; only who leaves leaves.
         """
-        mover = self.mover
+        owner = self.guided or self.indicators
+        mover = owner.mover if owner else None
         if mover is None or not isinstance(event, Key | MouseDown | Paste):
             return False
         key = event.key if isinstance(event, Key) else ""

@@ -76,10 +76,9 @@ class MeasureScreen(Corrections, SessionScreen, Resting):
         While it may move every key stops it: none is offered for anything else.
         """
         mover = self.guided.mover
-        moves_itself = mover is not None
         if mover is not None and mover.line.may_move and action != "plot":
             return False
-        return {"go": moves_itself, "automatic": not moves_itself}.get(action, True)
+        return {"go": mover is not None, "automatic": mover is None}.get(action, True)
 
     def on_mount(self) -> None:
         # Collections pass over all that is loaded by now. `make bench`, event loop blocked while

@@ -303,7 +303,8 @@ class LegReviewScreen(Dialog[bool]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space,enter,escape", "dismiss(False)", "Continue", id="review.continue"),
         Binding("p", "dismiss(True)", "Hold", id="measure.hold"),
-        Binding("v", "plot", "View", id="measure.plot"),
+        # the plot in the place of the text, where there is no room for both
+        Binding("v", "app.toggle_class('#both', 'plotted')", "View", id="measure.plot"),
     ]
 
     def __init__(
@@ -319,7 +320,9 @@ class LegReviewScreen(Dialog[bool]):
         self._words, self._unattended = leg_review_text(session, step, rests_mm), unattended
 
     def compose(self) -> ComposeResult:
-        with Horizontal(classes=f"wide-dialog {'' if 'WARNING:' in self._words else 'done'}"):
+        with Horizontal(
+            id="both", classes=f"wide-dialog {'' if 'WARNING:' in self._words else 'done'}"
+        ):
             with VerticalScroll(id="review"):
                 yield Static(signalled(self.app.keyed(self._words)), id="review-text")
             yield ChartPlot(plot_id="review-chart")
@@ -332,10 +335,6 @@ class LegReviewScreen(Dialog[bool]):
 
     def _draw_chart(self) -> None:
         self.query_one(ChartPlot).show(readings_by_posture(self._session, self._step))
-
-    def action_plot(self) -> None:
-        """The plot in the place of the text, where there is no room for both."""
-        self.toggle_class("plotted")
 
     def _go_on(self) -> None:
         self.dismiss(False)  # not awaited: it is this screen's own handler

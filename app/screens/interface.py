@@ -86,14 +86,15 @@ class MainScreen(LeftOnce[ScreenResultType]):
     async def choice(
         self, question: str, answers: Sequence[tuple[Answer, str]], at: int = 0
     ) -> Answer | None:
-        """One of these answers, each with its words."""
         return await self.ask(ChoiceDialog(question, answers, at))
 
     async def line(
         self, question: str, hint: str, without: str = "", proposed: str = ""
     ) -> str | None:
-        """What is typed; ``without`` says what happens without it."""
         return await self.ask(TextDialog(question, hint, proposed, without))
+
+    async def written(self, job: Callable[..., Answer]) -> Answer | None:
+        return await self.app.written(job)
 
 
 def once(

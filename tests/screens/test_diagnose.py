@@ -102,7 +102,7 @@ async def test_from_home_and_from_the_result(bowed: Path, monkeypatch: pytest.Mo
         await pilot.pause()
         await pilot.press("home", "enter")
         screen = await diagnosed(pilot, interface)
-        assert [path.name for path in screen.paths] == [bowed.name]
+        assert [path.name for path in screen.adopting.paths] == [bowed.name]
         await pilot.press("escape")
         await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
         steps = ids.index(f"session {bowed.name}")

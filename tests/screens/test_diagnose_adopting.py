@@ -50,7 +50,7 @@ async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(
         model = bowed.with_name("bow [x]_model.json")
         assert interface.screen.query_one(Input).value == str(model)
         await pilot.press("enter")
-        await until(pilot, "again", lambda: screen.model == model and not screen.looking)
+        await until(pilot, "again", lambda: screen.adopting.model == model and not screen.looking)
         assert [(e.id, e.where) for e in read_model_file(model).effects] == [("leg_bow", "xy")]
         assert screen.diagnosed is not None
         again = screen.diagnosed.diagnosis
@@ -97,7 +97,7 @@ async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> 
                 await pilot.press("1")
                 await until(pilot, "kept", lambda: interface.screen is screen)
         assert user_file.read_text(encoding="utf-8") == "mine"
-        await until(pilot, "again", lambda: screen.model == target and not screen.looking)
+        await until(pilot, "again", lambda: screen.adopting.model == target and not screen.looking)
         assert rival is not None
         assert [(e.id, e.where) for e in read_model_file(target).effects] == [rival.groups()]
         await pilot.press("f10")
@@ -120,7 +120,7 @@ async def test_a_law_without_a_name_is_adopted(nameless: Path) -> None:
         await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
         await pilot.press("enter")
         model = nameless.with_name("cube_model.json")
-        await until(pilot, "again", lambda: screen.model == model and not screen.looking)
+        await until(pilot, "again", lambda: screen.adopting.model == model and not screen.looking)
         (entry,) = read_model_file(model).effects
         assert (entry.id, entry.where) == ("empirical", "x")
         assert list(entry.parameters) == ["travel_cube_at_100mm"]
@@ -192,7 +192,7 @@ async def test_a_mistake_is_put_right_in_a_new_session_and_its_result_shown(tmp_
         await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
         await pilot.press("enter")
         new = tmp_path / "wrong_corrected.jsonl"
-        await until(pilot, "again", lambda: screen.paths == (new,) and not screen.looking)
+        await until(pilot, "again", lambda: screen.adopting.paths == (new,) and not screen.looking)
         assert verdict(interface).startswith("AGREES.")
         assert text(interface, "#heading").startswith(new.name)
         await pilot.press("l")
@@ -217,7 +217,9 @@ async def test_the_result_with_an_adopted_model_is_exported(tmp_path: Path) -> N
         for keys in ("a", "1", "enter"):
             await pilot.press(keys)
             await pilot.pause()
-        await until(pilot, "again", lambda: screen.model is not None and not screen.looking)
+        await until(
+            pilot, "again", lambda: screen.adopting.model is not None and not screen.looking
+        )
         await pilot.press("l")
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
         await until(pilot, "text", lambda: "backlash y: play" in text(interface, "#details-text"))

@@ -147,7 +147,9 @@ async def test_a_size_that_was_moved_is_adopted_and_held(bowed: Path) -> None:
         await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
         assert interface.screen.query_one(Input).value == str(model)
         await pilot.press("enter")
-        await until(pilot, "again", lambda: diagnosis.model == model and not diagnosis.looking)
+        await until(
+            pilot, "again", lambda: diagnosis.adopting.model == model and not diagnosis.looking
+        )
         (entry,) = read_model_file(model).effects
         (parameter,) = entry.parameters.values()
         assert (parameter.value, parameter.held) == (size, True)

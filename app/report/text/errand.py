@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeVar
@@ -33,8 +33,17 @@ class Person(Protocol):
     ) -> str | None:
         """What is typed; ``without`` are words for what happens without it."""
 
+    async def written(self, job: Callable[..., Answer]) -> Answer | None:
+        """What a job gives that writes files, with ``replace`` or not; None where it does not."""
+
     def say(self, text: str) -> None:
         """What happened last; keys are ids in braces."""
+
+
+async def asked_path(person: Person, question: str, proposed: Path | str = "") -> Path | None:
+    """The file that is typed; None without an answer."""
+    text = await person.line(question, "path", proposed=str(proposed))
+    return Path(text).expanduser() if text else None
 
 
 @dataclass(frozen=True)
@@ -87,10 +96,10 @@ class SessionChoice:
         rows.append((elsewhere, texts.ELSEWHERE))
         while session := await self.person.choice(words, rows, at):
             if session is elsewhere:
-                path = await self.person.line(texts.WHICH_PATH, "path")
-                if not path:
+                path = await asked_path(self.person, texts.WHICH_PATH)
+                if path is None:
                     continue
-                session = look_at(Path(path).expanduser())
+                session = look_at(path)
             if not session.problem:
                 return session
             words = f"{session.problem}\n\n{question}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 Answer = TypeVar("Answer")
@@ -32,6 +32,9 @@ class Scripted:
     ) -> str | None:
         self.questions.append(question)
         return self.answers.pop(0)
+
+    async def written(self, job: Callable[..., Answer]) -> Answer | None:
+        return job(replace=False)
 
     def say(self, text: str) -> None:
         self.lines.append(text)

@@ -114,7 +114,6 @@ class AlignScreen(Corrections):
 
     @work
     async def action_as_asked(self) -> None:
-        """Done by the number, without an indicator."""
         if self.rails.chosen not in self.rails.moved_mm and await self._may_move():
             self.rails.watching = self.rails.chosen
             self._done(watched=False)

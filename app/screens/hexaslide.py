@@ -96,7 +96,6 @@ class HexaSlideScreen(PagedScreen[None]):
 
     @once("ask")
     async def action_ask(self, what: str) -> None:
-        """Another procedure, other components or another machine."""
         if request := await asked_request(self, what, self.request):
             self._look(request)
 
@@ -114,7 +113,6 @@ class HexaSlideScreen(PagedScreen[None]):
         self._show_all()
 
     def action_search(self) -> None:
-        """One start after the other."""
         assert self.view is not None, "offered with it alone"
         self.action_show_page("search")
         self._begin_anew(self._count, searching=True)

@@ -445,7 +445,6 @@ class Glidecal(App[str]):
         self.notify(copied_text(text))
 
     def complain(self, problem: GlidecalError | str) -> None:
-        """Show an error that a person can act on."""
         self.notify(str(problem), severity="error")
 
     @contextmanager

@@ -242,7 +242,6 @@ class MeasureScreen(Corrections, SessionScreen, Resting):
                 await (self._question if step_taken.doubt else self._go_on)(step_taken)
 
     async def _question(self, step_taken: TakenStep) -> None:
-        """Readings in doubt wait for an answer."""
         self.attended.by_hand()
         self._show_step()
         question = questions.question_text(step_taken, self.guided.session)
@@ -288,7 +287,6 @@ class MeasureScreen(Corrections, SessionScreen, Resting):
         return [questions.lost_text(self.guided.name_of(f.number), f) for f in faults]
 
     def action_automatic(self) -> None:
-        """Take by itself whenever all indicators stand still."""
         self.attended.take_by_itself(not self.attended.automatic)
         self._show_step()
 

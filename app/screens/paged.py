@@ -174,7 +174,6 @@ class PagedScreen(MainScreen[ScreenResultType]):
         self.app.copy("\n\n".join([*above, *texts]))
 
     def action_figure(self, page: str, by: int) -> None:
-        """The next figure of a page, or the one before."""
         self.action_show_page(page)
         self.query_one(LegPlots).turn(by)
 

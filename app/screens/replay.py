@@ -75,7 +75,6 @@ class ReplayScreen(SessionScreen):
             self.view.gauges.show(self.playback.live)
 
     def _show(self) -> None:
-        """Everything as it is at this place of the record."""
         self._show_picture()
         self.view.say(texts.said_text(self.playback))
         self._show_list()
@@ -112,7 +111,6 @@ class ReplayScreen(SessionScreen):
                 self._show()
 
     def action_list(self) -> None:
-        """Every reading so far, or the picture again."""
         self.toggle_class("listing")
         self.refresh_bindings()
         self._show_list()

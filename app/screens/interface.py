@@ -249,7 +249,7 @@ PRINTABLE_ROWS = PrintableRows()
 
 
 def screen_of(name: str, *given: object, **named: object) -> Screen[Any]:
-    """A screen by its module and class, such as "home.HomeScreen", loaded when it is asked for."""
+    """A screen by its module and what makes it, as "home.HomeScreen", loaded when asked for."""
     module, _, kind = name.partition(".")
     screen: Screen[Any] = getattr(import_module(f"app.screens.{module}"), kind)(*given, **named)
     return screen

@@ -106,7 +106,7 @@ def once(
     """
 
     def decorated(action: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
-        async def begun(app: Glidecal, screen: MainScreen[Any], *given: object) -> None:
+        async def doing(app: Glidecal, screen: MainScreen[Any], *given: object) -> None:
             with app.complaining():
                 await action(screen, *given)
 
@@ -114,7 +114,7 @@ def once(
             node = screen.app if outlives else screen
             workers = [worker for worker in node.workers if worker.group == group]
             if all(worker.is_finished for worker in workers if worker.node is node):
-                node.run_worker(begun(screen.app, screen, *given), group=group, description=group)
+                node.run_worker(doing(screen.app, screen, *given), group=group, description=group)
 
         return begin_once
 

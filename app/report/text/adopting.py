@@ -32,7 +32,7 @@ class Adopting:
     def __init__(self, person: Person, paths: Sequence[Path]) -> None:
         self.person, self.paths = person, tuple(paths)
         self.model: Path | None = None
-        self._known: ModelFile | None = None
+        self._model_file: ModelFile | None = None
         self._gap_before_mm = 0.0
         self._words: Callable[[], str] | None = None
 
@@ -41,18 +41,18 @@ class Adopting:
 
         Raises as `diagnose_files`.
         """
-        known = read_model_file(self.model) if self.model else None
+        model_file = read_model_file(self.model) if self.model else None
         diagnosed, adopted = diagnose_files(self.paths, model=self.model).work_out(), ""
         if self.model is not None:
             now_mm = diagnosed.diagnosis.gap_before.rms_mm
             adopted = texts.ADOPTED.format(self.model.name, self._gap_before_mm, now_mm)
             adopted = f"{adopted} {self._words() if self._words else ''}".rstrip()
-        self._known = known
+        self._model_file = model_file
         return diagnosed, adopted
 
     def is_stale(self) -> bool:
         """Whether the model is another one than in the last diagnosis. Raises RecordError."""
-        return self.model is not None and read_model_file(self.model) != self._known
+        return self.model is not None and read_model_file(self.model) != self._model_file
 
     async def adopt(self, diagnosed: SessionDiagnosis) -> bool:
         """What was named, or what shares the rest with others; or a mistake is corrected."""
@@ -68,7 +68,7 @@ class Adopting:
             answer = "named" if choice.standing == "named" else f"{entry.id}:{entry.where}"
             return await self._adopt(diagnosed, answer, entry)
         await asyncio.to_thread(resize, diagnosed.sessions, self.model, entry)
-        return self._adopted(diagnosed, self.model)
+        return self._with_model(diagnosed, self.model)
 
     async def _correct(self, diagnosed: SessionDiagnosis) -> bool:
         source = self.paths[0]
@@ -81,21 +81,21 @@ class Adopting:
         return True
 
     async def _adopt(
-        self, diagnosed: SessionDiagnosis, answer: str, held: EffectEntry | None = None
+        self, diagnosed: SessionDiagnosis, answer: str, entry: EffectEntry | None = None
     ) -> bool:
         proposed = self.model or self._unused("_model.json")
         path = await asked_path(self.person, texts.WHICH_FILE, proposed)
         if path is None:
             return False
         candidate = None if answer == "named" else answer
-        job = partial(adopt, diagnosed, path, known=self.model, candidate=candidate, held=held)
+        job = partial(adopt, diagnosed, path, known=self.model, candidate=candidate, held=entry)
         if not await self.person.written(job):
             return False
         # a size that a person holds is no part of the posterior given the name
-        words = None if held else partial(texts.words_on_adopting, diagnosed, candidate)
-        return self._adopted(diagnosed, path, words)
+        words = None if entry else partial(texts.words_on_adopting, diagnosed, candidate)
+        return self._with_model(diagnosed, path, words)
 
-    def _adopted(
+    def _with_model(
         self, diagnosed: SessionDiagnosis, model: Path, words: Callable[[], str] | None = None
     ) -> bool:
         self.person.say(texts.MODEL_WRITTEN.format(model))

@@ -351,8 +351,9 @@ class ControllerCorrections:
 
     @property
     def more_helps(self) -> bool:
-        """Whether a controller that holds more than joint offsets would be worth it."""
-        return any(self.of(holds).helps for holds in HOLDS)
+        """Whether more than joint offsets leaves clearly less, than they do and than is left now."""
+        gains = self.others(self.of("offsets"))
+        return any(gain.clear and self.of(gain.holds).helps for gain in gains)
 
 
 def case_of(

@@ -26,8 +26,8 @@ class Done(StrEnum):
     REPORTED = "reported"
 
 
-WORTHLESS = "WARNING: not to be entered, the tool would not become more accurate:"
-SOUND = "Nothing to enter: with these values the tool would not become more accurate:"
+WORTHLESS = "WARNING: not to be entered, the tool would not become clearly more accurate:"
+SOUND = "Nothing to enter: the tool would not become clearly more accurate:"
 
 
 def glance_text(
@@ -98,5 +98,5 @@ LEAVE_AS_IT_IS = f"change nothing in the controller; {REPORT}"
 LEFT_AS_IT_IS = f"change nothing in the controller; {PRINT}"
 MORE_THAN_OFFSETS = (
     "glidecal export --format writes what the controller can hold beside joint offsets. The "
-    "tool becomes more accurate."
+    "tool becomes clearly more accurate."
 )

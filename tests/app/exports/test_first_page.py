@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from app.evaluating.solution import SessionSolution, solve_files
+import glidecal
+from app.evaluating.solution import SessionSolution, solve_files, solve_sessions
 from app.report.charts.bars import bar_rows
 from app.report.text.glance import Done, glance_text, next_text
+from protocols.effect_entries import EffectEntry, ParameterEntry
+from protocols.model_file import ModelFile
 from protocols.record import read_record
 from tests.app.exports.first_page import differences, printer, printer_differences, simulated
 from tests.conftest import LONG, first_quick
@@ -68,6 +71,21 @@ def test_what_is_not_to_be_entered_is_not_added(
             assert ("enter the values" in next_words or "{result.export}" in next_words) == helps
         reported = glance_text(sound, sound, (Done.REPORTED,), 76, exports=True, measures=True)
         assert helps or "{result.report}" not in reported, "it is written"
+
+
+def test_more_than_offsets_is_proposed_where_it_leaves_clearly_less(tmp_path: Path) -> None:
+    """Not of a sound machine whose kinematics would leave 0.0064 instead of 0.0069 mm."""
+    play = {"play": ParameterEntry(value=0.1, unit="mm")}
+    worn = ModelFile(effects=(EffectEntry(id="backlash", where="x", parameters=play),))
+    (tmp_path / "worn.json").write_text(worn.text(), encoding="utf-8")
+    for model, proposed in ((None, False), (tmp_path / "worn.json", True)):
+        session = glidecal.simulate("zero-max-min", model=model, seed=4)
+        of_session = solve_sessions([session])
+        assert not of_session.entered.helps
+        done = () if model is None else (Done.DIAGNOSED,)
+        words = next_text(of_session, done, exports=True, measures=False)
+        assert ("beside joint offsets" in words) == proposed
+        assert ("change nothing" in words) != proposed
 
 
 @pytest.mark.parametrize("columns", [36, 76])

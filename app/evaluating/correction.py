@@ -351,7 +351,7 @@ class ControllerCorrections:
 
     @property
     def more_helps(self) -> bool:
-        """Whether more than joint offsets leaves clearly less, than they do and than is left now."""
+        """Whether more than joint offsets leaves clearly less than they do, and than now."""
         gains = self.others(self.of("offsets"))
         return any(gain.clear and self.of(gain.holds).helps for gain in gains)
 

@@ -340,14 +340,14 @@ def condition(rows: FloatArray, rank: int) -> float:
 
 
 def named_inside(
-    space: FloatArray, named: Sequence[tuple[str, FloatArray]]
+    space: FloatArray, motions: Sequence[tuple[str, FloatArray]]
 ) -> tuple[list[tuple[FloatArray, str]], FloatArray]:
     """Vectors of unit length with names that lie in a space, each a new one; a basis of the rest.
 
     ``space`` ``(k, r)`` is a basis.
     """
     directions, remainder = [], space
-    for name, vector in named:
+    for name, vector in motions:
         unit = vector / np.linalg.norm(vector)
         inside = onto(remainder, unit)
         if np.linalg.norm(without(space, unit)) < BLIND < np.linalg.norm(inside):

@@ -11,7 +11,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 on_part: ContextVar[Callable[[float, int], object]] = ContextVar(
-    "on_part", default=lambda _done, _parts: None
+    "on_part", default=lambda _count, _parts: None
 )
 """Is told how many parts are done, and perhaps a share of the next, of how many: whoever waits may
 set it.
@@ -25,8 +25,8 @@ def in_parallel(work: Callable[[T], R], parts: Sequence[T]) -> Generator[R]:
     joblib.parallel_config(n_jobs=4):`` it runs in four processes, with ``backend="dask"`` on a
     cluster of dask.
     """
-    for done, result in enumerate(_results(work, parts), start=1):
-        on_part.get()(done, len(parts))
+    for count, result in enumerate(_results(work, parts), start=1):
+        on_part.get()(count, len(parts))
         yield result
 
 

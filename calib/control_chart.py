@@ -110,10 +110,10 @@ def _signals(
     signals = []
     for k in range(len(values)):
         row = []
-        for number, (run, needed, least, _) in enumerate(RULES, start=1):
+        for number, (run, count, least, _) in enumerate(RULES, start=1):
             last = away[max(phase[k], k - run + 1) : k + 1]
             side = np.sign(away[k])
-            if side * away[k] > least and (side * last > least).sum() >= needed:
+            if side * away[k] > least and (side * last > least).sum() >= count:
                 row.append(number)
         signals.append(tuple(row))
     return tuple(signals)

@@ -116,8 +116,8 @@ def check_number(
     if not is_number or not least <= value <= most:  # type: ignore[operator]  # nor NaN
         kind_words = "a whole number" if kind is Integral else "a number"
         words = allowed or f"{kind_words} from {least:g} to {most:g} {unit}".rstrip()
-        shown = f"{value:g} {unit}".rstrip() if isinstance(value, float) else f"{value!r}"
-        raise UsageError(thing, shown, words)
+        value_words = f"{value:g} {unit}".rstrip() if isinstance(value, float) else f"{value!r}"
+        raise UsageError(thing, value_words, words)
 
 
 class IndicatorError(GlidecalError):
@@ -157,6 +157,6 @@ def install_command(name: str) -> str:
     marker = re.compile(rf"""extra == ['"]{re.escape(name)}['"]""")
     pairs = (requirement.partition(";") for requirement in requirements)
     packages = [package.strip() for package, _, extras in pairs if marker.search(extras)]
-    wanted = " ".join(f'"{package}"' for package in packages) or f'"glidecal[{name}]"'
+    arguments = " ".join(f'"{package}"' for package in packages) or f'"glidecal[{name}]"'
     python = f'"{sys.executable}"' if " " in sys.executable else sys.executable or "python"
-    return f"{python} -m pip install {wanted}"
+    return f"{python} -m pip install {arguments}"

@@ -121,12 +121,12 @@ def _advance(evaluate: Evaluate, state: _State, step: FloatArray) -> None:
         state.damping = np.where(better, eased, raised)
 
 
-def _store(optimum: Optimum, state: _State, done: NDArray[np.bool_]) -> None:
-    rows = state.problem[done]
-    optimum.values[:, rows] = state.values[:, done]
-    optimum.square_sum[rows] = state.square_sum[done]
-    optimum.residual[:, rows] = state.residual[:, done]
-    optimum.jacobian[:, :, rows] = state.jacobian[:, :, done]
+def _store(optimum: Optimum, state: _State, columns: NDArray[np.bool_]) -> None:
+    rows = state.problem[columns]
+    optimum.values[:, rows] = state.values[:, columns]
+    optimum.square_sum[rows] = state.square_sum[columns]
+    optimum.residual[:, rows] = state.residual[:, columns]
+    optimum.jacobian[:, :, rows] = state.jacobian[:, :, columns]
     optimum.converged[rows] = True
 
 

@@ -69,13 +69,13 @@ class Aim:
 
     def columns(self, count: int) -> list[int]:
         """Indices of the wanted parameters. Raises CalibrationError where they do not fit."""
-        chosen = list(range(count)) if self.wanted is None else list(self.wanted)
-        if not chosen or len(set(chosen)) < len(chosen) or not set(chosen) <= set(range(count)):
+        columns = list(range(count)) if self.wanted is None else list(self.wanted)
+        if not columns or len(set(columns)) < len(columns) or not set(columns) <= set(range(count)):
             raise CalibrationError(
                 "wanted parameters", str(self.wanted), f"different numbers from 0 to {count - 1}"
             )
-        self._check_metric(len(chosen))
-        return chosen
+        self._check_metric(len(columns))
+        return columns
 
     def nuisance(self, count: int) -> list[int]:
         """Indices of the parameters that do not count."""

@@ -52,9 +52,9 @@ class Candidates:
                 "finite numbers of shape (candidates, rows of each, parameters)",
             )
 
-    def information(self, chosen: IntArray) -> FloatArray:
+    def information(self, subset: IntArray) -> FloatArray:
         """Information ``(k, k)`` of these candidates."""
-        rows = self.rows[chosen].reshape(-1, self.rows.shape[2])
+        rows = self.rows[subset].reshape(-1, self.rows.shape[2])
         return np.asarray(rows.T @ rows)
 
     def ridge(self) -> FloatArray:
@@ -119,16 +119,16 @@ def choose(
         drawn.append(leading.improve(drawn[0])[0])
     begins = (*begin_with, *drawn)
     improved = in_parallel(search.improve, begins)
-    for start, (chosen, exchanges) in zip(begins, improved, strict=True):
+    for start, (subset, exchanges) in zip(begins, improved, strict=True):
         # sets that see next to nothing can have the best of condition numbers
-        sees = _value_or_none(candidates.information(chosen), aim) is not None
-        runs.append((sees, search.score(chosen), chosen, start, exchanges))
+        sees = _value_or_none(candidates.information(subset), aim) is not None
+        runs.append((sees, search.score(subset), subset, start, exchanges))
     seeing = [run for run in runs if run[0]] or runs
-    _, _, chosen, start, exchanges = descending(seeing, lambda run: run[1], 1.0)[0]
+    _, _, subset, start, exchanges = descending(seeing, lambda run: run[1], 1.0)[0]
     return ChosenCandidates(
-        chosen=tuple(sorted(int(k) for k in chosen)),
+        chosen=tuple(sorted(int(k) for k in subset)),
         # sorted, for sums in another order round otherwise: equal sets give equal figures
-        value=value_of(candidates.information(np.sort(chosen)), aim),
+        value=value_of(candidates.information(np.sort(subset)), aim),
         start_value=_value_or_none(candidates.information(start), aim),
         start_condition_number=_value_or_none(
             candidates.information(start), replace(aim, criterion=Criterion.CONDITION)
@@ -144,11 +144,11 @@ def _value_or_none(information: FloatArray, aim: Aim) -> float | None:
         return None
 
 
-def swap_ratios(rows: FloatArray, chosen: IntArray, covariance: FloatArray) -> FloatArray:
+def swap_ratios(rows: FloatArray, subset: IntArray, covariance: FloatArray) -> FloatArray:
     """Factor ``(n, m)`` on the determinant of the information for every swap.
 
     Entry ``(j, i)``: candidate ``j`` of ``rows`` ``(n, r, k)`` comes in for the chosen candidate
-    ``chosen[i]``; ``covariance`` ``(k, k)`` is the inverse of the information before. Fedorov's
+    ``subset[i]``; ``covariance`` ``(k, k)`` is the inverse of the information before. Fedorov's
     ``(1 + d_j)(1 - d_i) + d_ij²``, for several rows the determinant lemma.
     """
     n, r, k = rows.shape
@@ -156,16 +156,16 @@ def swap_ratios(rows: FloatArray, chosen: IntArray, covariance: FloatArray) -> F
     if r == 1:
         flat, moved = rows[:, 0], moved[:, 0]
         moved_row = np.einsum("nk,nk->n", moved, flat)
-        cross = moved @ flat[chosen].T
+        cross = moved @ flat[subset].T
         cross *= cross
-        cross += np.multiply.outer(1.0 + moved_row, 1.0 - moved_row[chosen])
+        cross += np.multiply.outer(1.0 + moved_row, 1.0 - moved_row[subset])
         return np.asarray(cross)
     moved_row = moved @ np.swapaxes(rows, 1, 2)
     grown = np.eye(r) + moved_row
-    mixed = (moved.reshape(n * r, k) @ rows[chosen].reshape(-1, k).T).reshape(n, r, -1)
+    mixed = (moved.reshape(n * r, k) @ rows[subset].reshape(-1, k).T).reshape(n, r, -1)
     solved = np.linalg.solve(grown, mixed).reshape(n, r, -1, r)
     inner = np.einsum("nams,namt->nmst", mixed.reshape(n, r, -1, r), solved)
-    inner += np.eye(r) - moved_row[chosen]
+    inner += np.eye(r) - moved_row[subset]
     return np.asarray(np.linalg.det(grown)[:, None] * np.linalg.det(inner))
 
 
@@ -187,62 +187,62 @@ class _Exchanges:
             return self._best_pairs(start.copy())
         return self._one_after_the_other(start.copy())
 
-    def score(self, chosen: IntArray) -> float:
+    def score(self, subset: IntArray) -> float:
         """Logarithm of the criterion, larger is better; ridge included."""
-        covariance = inverse(self._information(chosen))[np.ix_(self.keep, self.keep)]
+        covariance = inverse(self._information(subset))[np.ix_(self.keep, self.keep)]
         return float(scores(values_of(covariance[None], self.aim), self.aim.criterion)[0])
 
-    def _information(self, chosen: IntArray) -> FloatArray:
-        return np.asarray(self.candidates.information(chosen) + self.ridge)
+    def _information(self, subset: IntArray) -> FloatArray:
+        return np.asarray(self.candidates.information(subset) + self.ridge)
 
-    def _best_pairs(self, chosen: IntArray) -> tuple[IntArray, int]:
+    def _best_pairs(self, subset: IntArray) -> tuple[IntArray, int]:
         for exchanges in range(MOST_EXCHANGES):
-            gain = self._determinant_gains(chosen)
+            gain = self._determinant_gains(subset)
             if not self.repeats:
-                gain[chosen] = -math.inf
-            incoming, place = divmod(largest(gain), len(chosen))
+                gain[subset] = -math.inf
+            incoming, place = divmod(largest(gain), len(subset))
             if not gain[incoming, place] > 1.0 + LEAST_GAIN:
-                return chosen, exchanges
-            chosen[place] = incoming
-        return chosen, MOST_EXCHANGES
+                return subset, exchanges
+            subset[place] = incoming
+        return subset, MOST_EXCHANGES
 
-    def _determinant_gains(self, chosen: IntArray) -> FloatArray:
+    def _determinant_gains(self, subset: IntArray) -> FloatArray:
         """Factor ``(n, m)`` on the determinant of the Schur complement."""
-        information = self._information(chosen)
-        ratios = swap_ratios(self.candidates.rows, chosen, inverse(information))
+        information = self._information(subset)
+        ratios = swap_ratios(self.candidates.rows, subset, inverse(information))
         if not self.drop:
             return ratios
         corner = inverse(information[np.ix_(self.drop, self.drop)])
-        part = swap_ratios(self.nuisance_rows, chosen, corner)
+        part = swap_ratios(self.nuisance_rows, subset, corner)
         # rounding can turn a vanishing determinant negative; such a swap is never wanted
         return np.where(part > RIDGE**2, ratios / np.where(part > RIDGE**2, part, 1.0), -math.inf)
 
-    def _one_after_the_other(self, chosen: IntArray) -> tuple[IntArray, int]:
+    def _one_after_the_other(self, subset: IntArray) -> tuple[IntArray, int]:
         exchanges = unhelpful = place = 0
-        score = self.score(chosen)
-        while unhelpful < len(chosen) and exchanges < MOST_EXCHANGES:
-            after = self._scores_without(chosen, place)
+        score = self.score(subset)
+        while unhelpful < len(subset) and exchanges < MOST_EXCHANGES:
+            after = self._scores_without(subset, place)
             incoming = largest(after, 1.0)
-            changed = chosen.copy()
+            changed = subset.copy()
             changed[place] = incoming
             new_score = self.score(changed) if after[incoming] > score + LEAST_GAIN else score
             if new_score > score + LEAST_GAIN:
-                chosen, score = changed, new_score
+                subset, score = changed, new_score
                 exchanges, unhelpful = exchanges + 1, 0
             else:
                 unhelpful += 1
-            place = (place + 1) % len(chosen)
-        return chosen, exchanges
+            place = (place + 1) % len(subset)
+        return subset, exchanges
 
-    def _scores_without(self, chosen: IntArray, place: int) -> FloatArray:
+    def _scores_without(self, subset: IntArray, place: int) -> FloatArray:
         """Score ``(n,)`` with each candidate in this place."""
         rows = self.candidates.rows
-        covariance = inverse(self._information(chosen))
-        out = np.broadcast_to(rows[chosen[place]], rows.shape)
+        covariance = inverse(self._information(subset))
+        out = np.broadcast_to(rows[subset[place]], rows.shape)
         signs = np.repeat([1.0, -1.0], rows.shape[1])
         after = covariances_after(covariance, np.hstack([rows, out]), signs, self.keep)
         scored = scores(values_of(after, self.aim), self.aim.criterion)
         if not self.repeats:
-            scored[chosen] = -math.inf
-        scored[chosen[place]] = -math.inf
+            scored[subset] = -math.inf
+        scored[subset[place]] = -math.inf
         return scored

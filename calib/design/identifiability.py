@@ -180,8 +180,8 @@ def combinations(vectors: FloatArray, sensitivity: Sensitivity) -> list[tuple[Fl
     """
     if not len(vectors):
         return []
-    named, basis = named_inside(np.linalg.qr(vectors.T)[0], sensitivity.motions)
-    return named + [_short(row, sensitivity) for row in _echelon(basis.T)]
+    motions, basis = named_inside(np.linalg.qr(vectors.T)[0], sensitivity.motions)
+    return motions + [_short(row, sensitivity) for row in _echelon(basis.T)]
 
 
 def _short(row: FloatArray, sensitivity: Sensitivity) -> tuple[FloatArray, str]:
@@ -198,12 +198,12 @@ def _short(row: FloatArray, sensitivity: Sensitivity) -> tuple[FloatArray, str]:
 def _echelon(rows: FloatArray) -> FloatArray:
     """Reduced echelon form of ``(r, k)`` with the largest pivots."""
     matrix = np.array(rows)
-    used = np.zeros(matrix.shape[1], dtype=np.bool_)
+    pivots = np.zeros(matrix.shape[1], dtype=np.bool_)
     for k in range(len(matrix)):
-        size = np.where(used, 0.0, np.abs(matrix[k:]))
+        size = np.where(pivots, 0.0, np.abs(matrix[k:]))
         row, pivot = divmod(largest(size), matrix.shape[1])
         matrix[[k, k + row]] = matrix[[k + row, k]]
-        used[pivot] = True
+        pivots[pivot] = True
         matrix[k] /= matrix[k, pivot]
         other_rows = np.arange(len(matrix)) != k
         matrix[other_rows] -= np.outer(matrix[other_rows, pivot], matrix[k])
@@ -227,12 +227,12 @@ def _sum_of(row: FloatArray, names: Sequence[str]) -> str:
     return " ".join(parts).removeprefix("+ ")
 
 
-def refuse_unseen(result: Identifiability, what: str) -> None:
+def refuse_unseen(result: Identifiability, subject: str) -> None:
     """Raise NotIdentifiable where some combination of the parameters is not seen."""
     if result.unseen:
         blind = "; ".join(direction.combination for direction in result.unseen)
         raise NotIdentifiable(
-            f"the set '{what}' cannot be identified from these readings",
+            f"the set '{subject}' cannot be identified from these readings",
             f"{len(result.unseen)} of {len(result.names)} combinations not identifiable: {blind}",
             "every combination known better than its tolerance",
             "Choose another set with --subset, or a procedure that shows it: glidecal "

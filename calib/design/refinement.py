@@ -63,7 +63,7 @@ def refine(
     *,
     sharpness: Sequence[float] = (),
     beside: Callable[[FloatArray], tuple[float, FloatArray]] | None = None,
-    progress: Callable[[int, int], object] = lambda _done, _parts: None,
+    progress: Callable[[int, int], object] = lambda _count, _parts: None,
 ) -> RefinedPostures:
     """Improve postures ``(p, d)`` inside the box ``(d,)`` to ``(d,)`` by L-BFGS-B.
 

@@ -224,8 +224,8 @@ class Claims:
             if claim.names and not claim.unnamed:
                 sets.setdefault(claim.ids, {})[claim.names] = weight
         by_name = sorted(sets.values(), key=lambda places: min(map(sorted, places)))
-        chosen = descending(by_name, lambda places: math.fsum(places.values()))[0]
-        names = descending(sorted(chosen, key=sorted), chosen.__getitem__)[0]
+        heaviest = descending(by_name, lambda places: math.fsum(places.values()))[0]
+        names = descending(sorted(heaviest, key=sorted), heaviest.__getitem__)[0]
         return tuple(name for name in self.places if name in names)
 
     @cached_property
@@ -262,7 +262,7 @@ class Claims:
             rival_names = [
                 rival
                 for rival in claim.names
-                if not any(self.one_in_other(named, rival) for named in head)
+                if not any(self.one_in_other(other_name, rival) for other_name in head)
             ]
             if claim.unnamed and not rival_names:
                 rival_names = [Named(EMPIRICAL, name.where)]

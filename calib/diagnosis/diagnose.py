@@ -169,9 +169,9 @@ class _Report:
         for name in sorted(self.answer.rivals, key=lambda name: name not in mistakes):
             likely, rivals = self.claims.places[name], self.answer.rivals[name]
             if name in mistakes:
-                what = name.id, str(Kind.GROSS_ERROR), mistakes[name].title, name.where
+                heading = name.id, str(Kind.GROSS_ERROR), mistakes[name].title, name.where
                 gaps_mm = self._gap_as_read_mm, before_mm
-                finding = Finding(*what, (), likely, *gaps_mm, rivals)
+                finding = Finding(*heading, (), likely, *gaps_mm, rivals)
             else:
                 finding = self._finding(self._acting(name), likely, adopted, before_mm, rivals)
             findings.append(finding)
@@ -181,11 +181,11 @@ class _Report:
     @cached_property
     def _gap_as_read_mm(self) -> float:
         """The gap of the sessions as written; all that they read where they fit no machine."""
-        read = [Cells.of(cells.case) for cells in self.posterior.sessions]
+        cells_of_sessions = [Cells.of(cells.case) for cells in self.posterior.sessions]
         try:
-            leftover = Leftover.of(read, (), self.timed)
+            leftover = Leftover.of(cells_of_sessions, (), self.timed)
         except CalibrationError:
-            means = [cells.means for cells in read]
+            means = [cells.means for cells in cells_of_sessions]
             off = [without_means(m.mount, m.averaged, m.value_mm) for m in means]
             return float(np.sqrt(np.mean(np.concatenate(off) ** 2)))
         return leftover.rms_mm(leftover.left)
@@ -206,8 +206,8 @@ class _Report:
         kind, title = str(Kind.GROSS_ERROR), BARS_DIFFER
         if component.candidate:
             kind, title = str(component.candidate.kind), component.candidate.title
-        what = component.id, kind, title, component.where
-        return Finding(*what, parameters, probability, before_mm, after_mm, rivals, effects)
+        heading = component.id, kind, title, component.where
+        return Finding(*heading, parameters, probability, before_mm, after_mm, rivals, effects)
 
     def _with(self, effects: tuple[EffectInstance, ...]) -> Leftover | None:
         """What is left with these adopted; None where they put the machine out of its own reach."""
@@ -296,10 +296,8 @@ class _Report:
         if self.others:
             return ModelDiscrepancy(**vars(finding), held_out_gap=self._elsewhere(together))
         with_law, kinds = self._with(together), (*NAMES, "nameless")
-        missed = with_law and left_out_postures(
-            self.posterior, self.before, with_law, together, kinds
-        )
-        return ModelDiscrepancy(**vars(finding), held_out_gap=missed or None)
+        gap = with_law and left_out_postures(self.posterior, self.before, with_law, together, kinds)
+        return ModelDiscrepancy(**vars(finding), held_out_gap=gap or None)
 
     def _elsewhere(self, effects: tuple[EffectInstance, ...]) -> HeldOutGap | None:
         return on_other_sessions(self.before, self.others, effects, self.timed)
@@ -489,8 +487,8 @@ def _needed(length: float, log_prior: float) -> float:
     nothing is z²(1 - 1/w)/2 - log(w)/2 and the priors; the scale that needs least counts.
     """
     odds = math.log(MISSING / (1.0 - MISSING)) + LOG_CAUSES[0] - LOG_CAUSES[1] - log_prior
-    more = (np.array(SCALES) * length) ** 2
-    square = 2.0 * (odds - LOG_SCALES + 0.5 * np.log1p(more)) * (1.0 + more) / more
+    gain = (np.array(SCALES) * length) ** 2
+    square = 2.0 * (odds - LOG_SCALES + 0.5 * np.log1p(gain)) * (1.0 + gain) / gain
     return float(np.sqrt(square.min()))
 
 

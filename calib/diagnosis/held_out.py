@@ -100,17 +100,17 @@ class _LeftOut:
 
     def gap(self) -> HeldOutGap | None:
         root = np.sqrt(np.concatenate([c.variance_mm2 for c in self.posterior.sessions]))
-        squares, noise, used = np.zeros(2), 0.0, 0
+        squares, noise, count = np.zeros(2), 0.0, 0
         for rows in self._groups():
-            missed = [(error * root[rows]) ** 2 for error in self._missed(rows)]
-            squares += [float(square.sum()) for square in missed]
+            squares_of_rows = [(error * root[rows]) ** 2 for error in self._missed(rows)]
+            squares += [float(square.sum()) for square in squares_of_rows]
             noise += float((root[rows] ** 2).sum())
-            used += len(rows)
-        if not used:
+            count += len(rows)
+        if not count:
             return None
-        before, after = np.sqrt(squares / used).tolist()
+        before, after = np.sqrt(squares / count).tolist()
         how = "one side of one leg left out at a time, the choice made again each time"
-        return HeldOutGap(how, before, after, math.sqrt(noise / used))
+        return HeldOutGap(how, before, after, math.sqrt(noise / count))
 
     def _groups(self) -> Iterator[IntArray]:
         """Cells of one leg on one side of Zero, in all sessions; of the tool along a coordinate."""
@@ -175,15 +175,15 @@ class _LeftOut:
             rows.freedom,
             rows.excess,
         )
-        chosen = self._best(race)
-        index = np.concatenate([linear.index[k] for k, _ in chosen])
-        scale = np.concatenate([np.full(len(linear.index[k]), s) for k, s in chosen])
+        scale_of_components = self._best(race)
+        index = np.concatenate([linear.index[k] for k, _ in scale_of_components])
+        scale = np.concatenate([np.full(len(linear.index[k]), s) for k, s in scale_of_components])
         inner = np.eye(len(index)) + scale[:, None] * products.inner[np.ix_(index, index)] * scale
         sizes = scale * np.linalg.solve(inner, scale * products.along[index])
         moved = linear.columns[used_rows][:, index] @ sizes
         shift = about.inverse @ (about.basis[: len(used_rows)].T @ moved)
-        missed = linear.columns[out_rows][:, index] @ sizes - self._base[out_rows] @ shift
-        return base, base - missed
+        correction = linear.columns[out_rows][:, index] @ sizes - self._base[out_rows] @ shift
+        return base, base - correction
 
     def _best(self, race: Race) -> Key:
         """What has most weight alone, or the set that has more."""

@@ -351,10 +351,10 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
     if not entries:
         return result
     weights = _weights(models)
-    named = _sure(weights)
+    sure_claims = _sure(weights)
     claims = _claims(weights)
     heaviest_names = (
-        tuple(sorted(cause for claim in named for cause in claim.causes)) or claims[0].causes
+        tuple(sorted(cause for claim in sure_claims for cause in claim.causes)) or claims[0].causes
     )
     best = next((entry for entry in entries if models.names(entry) == heaviest_names), entries[0])
     mean, covariance = models.values(best)
@@ -362,8 +362,8 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
     after = models.mean_square(best)
     return replace(
         result,
-        verdict=_verdict(weights, named, after[1]),
-        named=named,
+        verdict=_verdict(weights, sure_claims, after[1]),
+        named=sure_claims,
         claims=claims,
         sizes=tuple(_shown(best, models.causes, mean, covariance)),
         platform_m=_at_platform(models, best, mean),
@@ -372,7 +372,7 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
         wrong_postures=tuple(
             readings.number(row)
             for row in range(len(readings.sliders))
-            if any(mistake_at(readings, row) in claim.causes for claim in named)
+            if any(mistake_at(readings, row) in claim.causes for claim in sure_claims)
         ),
     )
 
@@ -432,14 +432,14 @@ def _claims(weights: dict[Names, float]) -> tuple[HexaSlideClaim, ...]:
 
 
 def _verdict(
-    weights: dict[Names, float], named: tuple[HexaSlideClaim, ...], p_after: float
+    weights: dict[Names, float], sure_claims: tuple[HexaSlideClaim, ...], p_after: float
 ) -> Verdict:
     """By the constants of `calib.diagnosis.thresholds`."""
     if p_after < UNLIKELY:
         return "unexplained"
     if weights.get((), 0.0) >= AGREED:
         return "agrees"
-    return "explained" if named else "ambiguous"
+    return "explained" if sure_claims else "ambiguous"
 
 
 def _sizes(race: Race, entry: RaceEntry) -> tuple[FloatArray, FloatArray]:

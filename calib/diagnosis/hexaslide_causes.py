@@ -170,8 +170,10 @@ class _Effects:
         units.
         """
         moved = [np.einsum("pij,pj->pi", self._moved, change) * size for change in sliders]
-        read = [np.einsum("pri,pi->pr", self._by_posture, change) / self._noise for change in moved]
-        columns = np.stack([change.ravel() for change in read], axis=1)
+        whitened = [
+            np.einsum("pri,pi->pr", self._by_posture, change) / self._noise for change in moved
+        ]
+        columns = np.stack([change.ravel() for change in whitened], axis=1)
         places = np.stack([change[:, :3].ravel() for change in moved], axis=1)
         carriages = size * np.stack(sliders, axis=-1)
         return HexaSlideCause(cause, where, names, unit, size * shown, columns, places, carriages)

@@ -70,10 +70,10 @@ class MeasuredMachine:
     @property
     def _inflation(self) -> float:
         """More than noise is left: everything is known so much worse."""
-        left = self.calibrated.lack_of_fit or 1.0
+        lack_of_fit = self.calibrated.lack_of_fit or 1.0
         if self.models is not None:
-            left = self.models.mean_square(self.models.entries[0])[0]
-        return float(max(1.0, left) ** 0.5)
+            lack_of_fit = self.models.mean_square(self.models.entries[0])[0]
+        return float(max(1.0, lack_of_fit) ** 0.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class MachinesApart:
 
     @property
     def changed(self) -> bool | None:
-        """None where that cannot be is_determined."""
+        """None where that cannot be determined."""
         return None if self.p_value is None else self.p_value < CHANGED
 
 
@@ -106,17 +106,21 @@ def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine)
 
     Raises UnreachablePosture, CalibrationError.
     """
-    both = first, second
-    free = tuple(dict.fromkeys(name for each in both for name in each.calibrated.unidentifiable))
-    places = [Places.of(reference, each.calibrated.machine, free) for each in both]
-    beside, roots = zip(*(each.at(at) for each, at in zip(both, places, strict=True)), strict=True)
+    machines = first, second
+    free = tuple(
+        dict.fromkeys(name for machine in machines for name in machine.calibrated.unidentifiable)
+    )
+    places = [Places.of(reference, machine.calibrated.machine, free) for machine in machines]
+    beside, roots = zip(
+        *(machine.at(at) for machine, at in zip(machines, places, strict=True)), strict=True
+    )
     moved = frames_apart(places[0].postures, places[1].postures, free).apart_m.ravel()
     off = places[0].without_frames(moved + beside[1] - beside[0])
     square = (off.reshape(-1, 3) ** 2).sum(axis=1)
     chance_m = p_value = None
-    is_determined = all(each.tells for each in both)
+    is_determined = all(machine.tells for machine in machines)
     roots_of_noise = [root for root in roots if root is not None]
-    if is_determined and len(roots_of_noise) == len(both):
+    if is_determined and len(roots_of_noise) == len(machines):
         spread = np.hstack(roots_of_noise)
         inner = spread.T @ spread
         mean, variance = np.trace(inner), 2.0 * (inner**2).sum()
@@ -127,9 +131,9 @@ def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine)
         vectors = vectors[:, sizes > SHOWN * sizes[0]]
         along, root = vectors.T @ off, vectors.T @ spread
         ratio = float(along @ np.linalg.solve(root @ root.T, along)) / len(along)
-        freedom = min(each.calibrated.degrees_of_freedom for each in both)
+        freedom = min(machine.calibrated.degrees_of_freedom for machine in machines)
         p_value = variance_ratio_p_value(ratio, len(along), freedom)
-    lengths = [each.lengths_m for each in both]
+    lengths = [machine.lengths_m for machine in machines]
     halves = [length.expanded for length in lengths if length.expanded is not None]
     return MachinesApart(
         rms_m=float(np.sqrt(square.mean())),
@@ -137,7 +141,7 @@ def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine)
         chance_m=chance_m,
         p_value=p_value,
         lengths_m=np.array([length.values for length in lengths]),
-        expanded_m=np.hypot(*halves) if is_determined and len(halves) == len(both) else None,
+        expanded_m=np.hypot(*halves) if is_determined and len(halves) == len(machines) else None,
         free=free,
     )
 

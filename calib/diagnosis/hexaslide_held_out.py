@@ -36,14 +36,14 @@ def left_out_gap(models: WeighedCauses, names: Names) -> LeftOutGap | None:
     widths = [len(models.race.columns[k]) for k in best.members]
     scaled = models.columns(best) * np.repeat(best.scales, widths)
     of_model = np.repeat([k in models.free.members for k in best.members], widths)
-    chosen = [(models.causes[k].id, models.causes[k].where) in names for k in best.members]
-    of_names = np.repeat(chosen, widths)
+    is_named = [(models.causes[k].id, models.causes[k].where) in names for k in best.members]
+    of_names = np.repeat(is_named, widths)
     squares = np.zeros(2)
     for part in range(PARTS):
         out = rows[part::PARTS].ravel()
-        for number, used in enumerate((of_model, of_model | of_names)):
-            missed = _missed(models, scaled[:, used], out)
-            squares[number] += missed @ missed
+        for number, columns in enumerate((of_model, of_model | of_names)):
+            errors = _missed(models, scaled[:, columns], out)
+            squares[number] += errors @ errors
     before, after = np.sqrt(squares / len(models.whitened)).tolist()
     return LeftOutGap(before, after)
 
@@ -52,6 +52,6 @@ def _missed(models: WeighedCauses, columns: FloatArray, out: IntArray) -> FloatA
     """What is missed of rows ``out`` by parameters and ``columns`` ``(n, r)`` fitted to others."""
     base = np.hstack([models.base, columns])
     expected = np.concatenate([models.expected, np.zeros(columns.shape[1])])
-    used = np.setdiff1d(np.arange(len(base)), out)
-    about = About.of(base[used], models.whitened[used], expected)
+    inside = np.setdiff1d(np.arange(len(base)), out)
+    about = About.of(base[inside], models.whitened[inside], expected)
     return np.asarray(models.whitened[out] - base[out] @ (about.inverse @ about.along))

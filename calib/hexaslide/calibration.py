@@ -153,11 +153,11 @@ def _taken(
     for halving in range(MOST_HALVINGS):
         try:
             machine = point.machine.with_parameters(names, begin + 0.5**halving * step)
-            tried = _at(readings, machine, white, point.residuals)
+            candidate = _at(readings, machine, white, point.residuals)
         except CalibrationError:
             continue
-        if final or _rms(tried.residual) <= here * (1.0 + NO_WORSE):
-            return tried, halving == 0
+        if final or _rms(candidate.residual) <= here * (1.0 + NO_WORSE):
+            return candidate, halving == 0
     raise NotIdentifiable(
         "calibration",
         f"no step that improves on {here:.3g} m r.m.s.",
@@ -177,14 +177,14 @@ def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Cal
     inverse = parts_seen.right.T / parts_seen.singular
     # papers/001 has the condition number of the bare derivatives, metres and radians
     bare = residuals(readings, point.machine, point.residuals.postures)[1]
-    lost = motions(point.machine, names)
+    all_motions = motions(point.machine, names)
     return Calibration(
         machine=point.machine,
         names=names,
         parameters=point.machine.parameters(names),
         covariance=None if variance is None else np.asarray(variance * (inverse @ inverse.T)),
         known=names_outside(parts_seen.null, names),
-        unidentifiable=tuple(name for _, name in named_inside(parts_seen.null, lost)[0]),
+        unidentifiable=tuple(name for _, name in named_inside(parts_seen.null, all_motions)[0]),
         unidentifiable_count=len(names) - rank,
         null=parts_seen.null,
         rank=rank,
@@ -211,12 +211,12 @@ def residuals_of(readings: Readings, machine: HexaSlide) -> Residuals:
 
 
 def corrected(
-    nominal: HexaSlide, calibrated: HexaSlide, which: FloatArray
+    nominal: HexaSlide, calibrated: HexaSlide, postures: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """How to reach postures ``(p, 6)`` on the calibrated machine: what to command ``(p, 6)`` a
     controller that keeps the nominal geometry, and where the sliders then are ``(p, 6)``.
 
     Raises as `HexaSlide.sliders_at`.
     """
-    sliders = calibrated.sliders_at(which, " on the calibrated machine")
-    return np.asarray(forward_near(nominal.geometry, sliders, which)), sliders
+    sliders = calibrated.sliders_at(postures, " on the calibrated machine")
+    return np.asarray(forward_near(nominal.geometry, sliders, postures)), sliders

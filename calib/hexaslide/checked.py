@@ -201,10 +201,10 @@ def checked_calibration(
 def check_postures(count: int, fewest: int, share: float) -> NDArray[np.bool_]:
     """Which postures ``(p,)`` stay out of the fit: evenly spread, none where all are needed."""
     most_kept_out = max(count - int(np.ceil(SPARE * fewest)), 0)
-    chosen = min(int(share * count), most_kept_out)
+    kept_out = min(int(share * count), most_kept_out)
     out = np.zeros(count, dtype=np.bool_)
     # each from the middle of an equal part: those that are fitted reach both ends of the list
-    out[[int((k + 0.5) * count / chosen) for k in range(chosen)]] = True
+    out[[int((k + 0.5) * count / kept_out) for k in range(kept_out)]] = True
     return out
 
 

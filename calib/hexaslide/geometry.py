@@ -281,9 +281,9 @@ class HexaSlide:
             reached = self.within(inverse(self.geometry, candidates)).all(axis=1)
             postures, drawn = np.concatenate([postures, candidates[reached]]), drawn + count
         if len(postures) < count:
-            needed = inverse(self.geometry, self.box.grid())
-            chain = int((~self.within(needed)).sum(axis=0).argmax())
-            low, high = needed[:, chain].min(), needed[:, chain].max()
+            sliders = inverse(self.geometry, self.box.grid())
+            chain = int((~self.within(sliders)).sum(axis=0).argmax())
+            low, high = sliders[:, chain].min(), sliders[:, chain].max()
             raise CalibrationError(
                 "travel of the sliders",
                 f"rails that reach {len(postures)} of {drawn} random postures of the box; all "
@@ -300,8 +300,8 @@ class HexaSlide:
         self.sliders_at(postures)
         return postures
 
-    def sliders_at(self, postures: FloatArray, which: str = "") -> FloatArray:
-        """Positions of the sliders ``(p, 6)`` in postures ``(p, 6)``, ``which`` for an error.
+    def sliders_at(self, postures: FloatArray, suffix: str = "") -> FloatArray:
+        """Positions of the sliders ``(p, 6)`` in postures ``(p, 6)``, ``suffix`` for an error.
 
         Raises UnreachablePosture, and CalibrationError for one beyond the ends of its rail.
         """
@@ -311,7 +311,7 @@ class HexaSlide:
             row, chain = beyond[0].tolist()
             least, greatest = self.travel_m[:, chain]
             raise CalibrationError(
-                f"posture {row + 1}{which}, slider {chain + 1}",
+                f"posture {row + 1}{suffix}, slider {chain + 1}",
                 f"{1000.0 * sliders[row, chain]:.3f} mm",
                 f"{1000.0 * least:g} to {1000.0 * greatest:g} mm, its travel_mm",
             )

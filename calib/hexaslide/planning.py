@@ -107,10 +107,10 @@ class Scale:
     def of(procedure: Procedure, machine: HexaSlide) -> Scale:
         """Raises as `sensitivity`."""
         radius = joint_radius(machine.geometry)
-        read = np.array([radius if name in ANGLES else 1.0 for name in procedure.read])
+        of_readings = np.array([radius if name in ANGLES else 1.0 for name in procedure.read])
         rows = at_enough(procedure, machine).jacobian
-        done = np.sqrt(((rows * np.resize(read, len(rows))[:, None]) ** 2).mean(axis=0))
-        return Scale(read, 1.0 / np.where(done > 0.0, done, 1.0))
+        sizes = np.sqrt(((rows * np.resize(of_readings, len(rows))[:, None]) ** 2).mean(axis=0))
+        return Scale(of_readings, 1.0 / np.where(sizes > 0.0, sizes, 1.0))
 
     def applied(self, rows: FloatArray) -> FloatArray:
         """Derivatives ``(n, k)`` of whole postures, metres and radians, without units."""
@@ -319,10 +319,10 @@ class HexaSlideSeen:
         """Names of the combinations that no posture shows."""
         all_seen = reachable(self.procedure, self.machine)
         never = basis_of(all_seen.unseen_vectors.T, EXACT_BLIND)
-        lost = self.seen.found.unseen
+        directions = self.seen.found.unseen
         return tuple(
             direction.combination
-            for direction in lost
+            for direction in directions
             if np.linalg.norm(without(never, direction.vector)) < BLIND
         )
 

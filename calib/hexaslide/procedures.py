@@ -72,8 +72,8 @@ class Procedure:
             )
         beside = self.measured[1:] if self.reads_length else self.measured
         wrong = [name for name in beside if name not in MEASURABLE]
-        none = not self.measured and self.kind is not ProcedureKind.CONSTRAINT_LINK
-        if wrong or none or len(set(self.measured)) < len(self.measured):
+        is_empty = not self.measured and self.kind is not ProcedureKind.CONSTRAINT_LINK
+        if wrong or is_empty or len(set(self.measured)) < len(self.measured):
             raise ImpossibleRequest(
                 "measured components",
                 _list(wrong or self.measured),
@@ -165,8 +165,8 @@ def held_postures(machine: HexaSlide, count: int, seed: int) -> FloatArray:
         drawn = np.concatenate([drawn, machine.random(count, generator)])
         worst = np.append(worst, looseness(machine.geometry, drawn[-count:]))
     rows_held = np.flatnonzero(worst < WELL_HELD)
-    chosen = rows_held if len(rows_held) >= count else np.argsort(worst, kind="stable")
-    return np.asarray(drawn[chosen[:count]])
+    order = rows_held if len(rows_held) >= count else np.argsort(worst, kind="stable")
+    return np.asarray(drawn[order[:count]])
 
 
 def joint_radius(geometry: Geometry) -> float:
@@ -198,8 +198,8 @@ ALL_UNITS = (METRES, MILLIMETRES, DEGREES)
 
 def in_units(procedure: Procedure, rows: FloatArray, units: Units) -> FloatArray:
     """Derivatives ``(n, k)`` in metres and radians, of whole postures, as they are in ``units``."""
-    read = [units.angle_rad if name in ANGLES else units.length_m for name in procedure.read]
-    units_of_rows = np.resize(read, len(rows))
+    units_read = [units.angle_rad if name in ANGLES else units.length_m for name in procedure.read]
+    units_of_rows = np.resize(units_read, len(rows))
     sizes = {"m": units.length_m, "rad": units.angle_rad, "m/m": 1.0}
     sizes_of_parameters = np.array([sizes[unit_of(name)] for name in procedure.parameters])
     return np.asarray(rows * sizes_of_parameters / units_of_rows[:, None])

@@ -117,8 +117,8 @@ class Residuals:
 
     def rms(self, *, angles: bool) -> float | None:
         """R.m.s. of all lengths in metres, or of all angles in radians; None if there are none."""
-        chosen = self.values[:, self.angular == angles]
-        return float(np.sqrt((chosen**2).mean())) if chosen.size else None
+        values = self.values[:, self.angular == angles]
+        return float(np.sqrt((values**2).mean())) if values.size else None
 
 
 def postures_of(

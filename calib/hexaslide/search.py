@@ -290,7 +290,7 @@ def searches(
             aim,
             sharpness=SHARPNESS,
             beside=space.beyond,
-            progress=lambda done, parts: progress(number + done / parts, search.starts),
+            progress=lambda count, parts: progress(number + count / parts, search.starts),
         )
         refined_postures = _taken_back(space, begin, refined_postures, aim)
         return space.postures(refined_postures.coordinates), refined_postures
@@ -298,12 +298,12 @@ def searches(
     sign = 1.0 if search.criterion.larger_is_better else -1.0
     best: BestPostures | None = None
     values: tuple[float, ...] = ()
-    for begin, (end, one) in zip(
+    for begin, (end, optimum) in zip(
         begins, clusters.in_parallel(refined, list(enumerate(begins))), strict=True
     ):
-        values += (one.value,)
-        if best is None or sign * one.value > sign * best.refined.value:
-            best = _described(space, search, begin, end, one)
+        values += (optimum.value,)
+        if best is None or sign * optimum.value > sign * best.refined.value:
+            best = _described(space, search, begin, end, optimum)
         best = replace(best, values=values, seconds=time.perf_counter() - began)
         yield best
 

@@ -197,11 +197,11 @@ class _Kind:
     def _noise(self, values: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Degrees of freedom, and the variances shown and locked of each session ``(b,)``, mm²."""
         if self.campaign.noise_known:
-            ones = np.ones(values.shape[1])
+            unit_row = np.ones(values.shape[1])
             return (
                 math.inf,
-                self.expected.repeatability_mm2 * ones,
-                self.expected.quantisation_mm2 * ones,
+                self.expected.repeatability_mm2 * unit_row,
+                self.expected.quantisation_mm2 * unit_row,
             )
         free = float(self.repeats.degrees_of_freedom.sum())
         scatter_mm2 = self.repeats.sums_of_squares(values).sum(axis=0) / free

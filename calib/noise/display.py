@@ -40,17 +40,17 @@ def display_step_mm(value_mm: FloatArray, written_mm: float | None) -> float | N
     ``written_mm`` is the step in which they are written down, None where nothing tells it. None
     where no step is coarser than that. Equal values are one piece of evidence, zero is none.
     """
-    written = written_mm or FINEST_WRITTEN_MM
-    different = np.unique(np.round(np.abs(value_mm) / written))
+    step_written_mm = written_mm or FINEST_WRITTEN_MM
+    different = np.unique(np.round(np.abs(value_mm) / step_written_mm))
     count = len(different[different > 0.0])
     for step_mm in STEPS_MM:
-        ratio = step_mm / written
+        ratio = step_mm / step_written_mm
         if ratio < LEAST_RATIO or not count:
             return None
         if count * math.log(ratio) < math.log(len(STEPS_MM) / CHANCE):
             continue
         if float(np.abs(value_mm - step_mm * np.round(value_mm / step_mm)).max()) <= (
-            ROUNDED * written
+            ROUNDED * step_written_mm
         ):
             return step_mm
     return None

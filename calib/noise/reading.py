@@ -294,14 +294,14 @@ def reading_noise(
         count = visited.indicator_count
         stated = indicator.noise(count) or IndicatorFigures(resolution_mm=step).noise(count)
         return replace(stated, repeated="equal") if stated else None
-    ones = _noise_of_indicators(squares, free, step)
-    scatter = sum(estimate.repeatability_mm2 for estimate in ones)
-    rounding = sum(estimate.quantisation_mm2 for estimate in ones)
+    estimates = _noise_of_indicators(squares, free, step)
+    scatter = sum(estimate.repeatability_mm2 for estimate in estimates)
+    rounding = sum(estimate.quantisation_mm2 for estimate in estimates)
     floor = step**2 / 12.0
     noise = Noise(
-        ones,
+        estimates,
         "repeats",
-        len(set(ones)) == 1,
+        len(set(estimates)) == 1,
         outlying_readings(repeats, floor),
         "scatter",
         cycle_drift(repeats, floor),
@@ -326,11 +326,11 @@ def _noise_of_indicators(
     pooled = _split(float(squares[quiet].sum()), float(free[quiet].sum()), step)
     alone = len(quiet) < len(judged)
     everybody = _split(float(squares.sum()), float(free.sum()), step) if alone else pooled
-    ones = [everybody] * len(free)
+    estimates = [everybody] * len(free)
     for k in judged:
         indicator_noise = _split(float(squares[k]), float(free[k]), step)
-        ones[k] = pooled if k in quiet else indicator_noise
-    return tuple(ones)
+        estimates[k] = pooled if k in quiet else indicator_noise
+    return tuple(estimates)
 
 
 def _split(square_sum: float, degrees_of_freedom: float, step: float) -> IndicatorNoise:

@@ -142,8 +142,8 @@ def parts_of(posterior: Posterior, holds: Holds) -> dict[Holds, list[Part]]:
     parts: dict[tuple[Holds, str], list[int]] = {("offsets", "offsets"): [0, 1, 2]}
     parts["kinematics", "lengths"] = [3, 4, 5]
     for law in posterior.field.placed:
-        if named := _part_of(*law):
-            parts.setdefault(named, []).extend(posterior.field.columns_of(law))
+        if entry := _part_of(*law):
+            parts.setdefault(entry, []).extend(posterior.field.columns_of(law))
     return {
         group: [(name, tuple(index)) for (of, name), index in parts.items() if of == group]
         for group in HOLDS[: HOLDS.index(holds) + 1]
@@ -207,12 +207,12 @@ def correction(
 def projector_of(field: ToolField, index: Sequence[int], frame: Frame) -> FloatArray:
     """Values of these columns ``(n,)`` as a map ``(n, f)`` of what is expected in the field."""
     metric, machine_metric = field.metrics[frame], field.metrics["machine"]
-    chosen = list(index)
+    columns = list(index)
     inner = metric + TIED * machine_metric
-    scale = 1.0 / np.sqrt(np.maximum(inner[chosen, chosen], 1e-30))
-    block = inner[np.ix_(chosen, chosen)] * scale[:, None] * scale
-    target = scale[:, None] * inner[chosen]
-    mapped = np.linalg.solve(block + 1e-9 * np.eye(len(chosen)), target)
+    scale = 1.0 / np.sqrt(np.maximum(inner[columns, columns], 1e-30))
+    block = inner[np.ix_(columns, columns)] * scale[:, None] * scale
+    target = scale[:, None] * inner[columns]
+    mapped = np.linalg.solve(block + 1e-9 * np.eye(len(columns)), target)
     return np.asarray(scale[:, None] * mapped)
 
 

@@ -54,7 +54,7 @@ def offsets_beside(kept: Model, machine: Model, frame: Frame) -> tuple[FloatArra
     With what they leave at the tool, r.m.s. over the workspace in the frame, mm. What is kept is a
     part of the machine.
     """
-    laws = dict.fromkeys((each.effect, each.place) for each in effects_of_tool(machine))
+    laws = dict.fromkeys((acting.effect, acting.place) for acting in effects_of_tool(machine))
     field = tool_field(machine.geometry, tuple(laws))
     off, entered = values_of(field, machine) - values_of(field, kept), np.zeros(len(field.rows[0]))
     entered[list(OFFSETS)] = projector_of(field, OFFSETS, frame) @ off

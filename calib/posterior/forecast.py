@@ -122,8 +122,8 @@ class Forecast:
     def truths(self) -> list[tuple[int, float]]:
         """Models that are taken to be true, and the weight that each stands for."""
         along = np.cumsum(self.weight) / self.weight.sum()
-        chosen = np.searchsorted(along, (np.arange(TRUTHS) + 0.5) / TRUTHS)
-        number, times = np.unique(chosen, return_counts=True)
+        models = np.searchsorted(along, (np.arange(TRUTHS) + 0.5) / TRUTHS)
+        number, times = np.unique(models, return_counts=True)
         return list(zip(number.tolist(), (times / TRUTHS).tolist(), strict=True))
 
     @cached_property

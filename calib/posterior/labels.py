@@ -318,16 +318,16 @@ class MovedReadings:
     ) -> Iterator[Scored]:
         """Exchanges that leave the plain model least, with their log weight beside one name."""
         squares = (plain.left_of(self.values_mm) ** 2).sum(axis=0)
-        chosen = np.argsort(squares, kind="stable")[: 2 * TRIED]
+        nearest = np.argsort(squares, kind="stable")[: 2 * TRIED]
         cells = plain.cells
-        weight, change = cells.weight / cells.scatter_mm2, self.values_mm[:, chosen].T
+        weight, change = cells.weight / cells.scatter_mm2, self.values_mm[:, nearest].T
         sums = [
             np.bincount(cells.cell, weight * (changed - self.visited.value_mm))
             for changed in change
         ]
         change_mm = np.array(sums).T / np.bincount(cells.cell, weight)[:, None]
         log_weights = with_one_name(change_mm)
-        for k, log_weight in zip(chosen.tolist(), log_weights.tolist(), strict=True):
+        for k, log_weight in zip(nearest.tolist(), log_weights.tolist(), strict=True):
             mistake = self._mistake(k)
             yield log_weight + mistake.log_prior, mistake
 
@@ -343,8 +343,8 @@ class MovedReadings:
         source = exchange.source(len(visited))
         mount = _with_values(visited, source)
         right = replace(visited, value_mm=self.values_mm[:, k], mount=mount)
-        what = exchange.id, exchange.where, exchange.words(visited), rows, right, log_prior
-        return Mistake(*what, source, exchange.factor)
+        heading = exchange.id, exchange.where, exchange.words(visited), rows, right, log_prior
+        return Mistake(*heading, source, exchange.factor)
 
 
 def _with_values(visited: Observations, source: IntArray) -> IntArray:
@@ -567,7 +567,7 @@ def with_mistakes(
     start = ways[number]
     best, now, with_play = explanations[number], list(start.sessions), start.with_play
     for _ in range(MOST):
-        tried = []
+        candidates = []
         for number, cells in enumerate(now):
             for mistake in suspects(best, now, number, depart=depart[number]):
                 right = now.copy()
@@ -579,9 +579,9 @@ def with_mistakes(
                 mistake = replace(mistake, session=number)
                 mistakes, log_prior = (*best.mistakes, mistake), best.log_prior
                 solved = replace(solved, mistakes=mistakes, log_prior=log_prior)
-                tried.append((solved, right))
-        explanations += [solved for solved, _ in tried]
-        better = max(tried, key=lambda explanation: explanation[0].log_weight, default=None)
+                candidates.append((solved, right))
+        explanations += [solved for solved, _ in candidates]
+        better = max(candidates, key=lambda explanation: explanation[0].log_weight, default=None)
         if better is None or better[0].log_weight < best.log_weight:
             break
         best, now = better

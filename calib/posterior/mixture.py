@@ -104,19 +104,19 @@ class Group:
 
     def only(self, models: Collection[int]) -> Group:
         """The group without other models than these."""
-        chosen = np.isin(self.rows, list(models))
-        mine = chosen[self.owner]
-        widths = np.bincount(self.owner, minlength=len(self.rows))[chosen]
+        inside = np.isin(self.rows, list(models))
+        mine = inside[self.owner]
+        widths = np.bincount(self.owner, minlength=len(self.rows))[inside]
         return replace(
             self,
-            rows=self.rows[chosen],
+            rows=self.rows[inside],
             owner=np.repeat(np.arange(len(widths)), widths),
             blocks=_blocks(widths),
             sizes=self.sizes[:, mine],
-            away=self.away[:, chosen],
-            inflated=self.inflated[chosen],
+            away=self.away[:, inside],
+            inflated=self.inflated[inside],
             tool_sizes=self.tool_sizes[:, mine],
-            tool_mean=self.tool_mean[:, chosen],
+            tool_mean=self.tool_mean[:, inside],
         )
 
     def sums(self, values: FloatArray) -> FloatArray:

@@ -212,7 +212,7 @@ class Planner:
         tried again.
         """
         gains = {k: math.inf for k, candidate in enumerate(self.candidates) if candidate.is_way}
-        chosen: list[ExpectedReadings] = []
+        plan: list[ExpectedReadings] = []
         further: list[FurtherSetUp] = []
         bound_mm, minutes = self.bound_mm, 0.0
         while len(further) < MOST_FURTHER:
@@ -220,7 +220,7 @@ class Planner:
             for k in descending(gains, gains.__getitem__):
                 if best and gains[k] <= (1.0 + TIE) * gains[best[0]]:
                     break
-                together = ExpectedReadings.together([*chosen, self.readings[k]])
+                together = ExpectedReadings.together([*plan, self.readings[k]])
                 after_mm = self._scale * self.forecast.after_mm(together)
                 gains[k] = math.log(bound_mm / after_mm) / self.candidates[k].minutes
                 better = best is None or gains[k] > (1.0 + TIE) * gains[best[0]]
@@ -229,7 +229,7 @@ class Planner:
             if best is None:
                 break
             candidate, bound_mm = self.candidates[best[0]], best[1]
-            chosen.append(self.readings[best[0]])
+            plan.append(self.readings[best[0]])
             minutes += candidate.minutes
             where = candidate.legs, candidate.station, candidate.levels_mm
             further.append(FurtherSetUp(*where, minutes, bound_mm))
@@ -299,14 +299,14 @@ class Planner:
         )
         largest = float(apart[best][0, 1:].max())
         least = DECISIVE if largest >= DECISIVE else APART
-        chosen = [0]
+        subset = [0]
         for k in range(1, len(self._open)):
-            if all(apart[best][k, earlier] >= least for earlier in chosen):
-                chosen.append(k)
-        if len(chosen) < 2:
+            if all(apart[best][k, earlier] >= least for earlier in subset):
+                subset.append(k)
+        if len(subset) < 2:
             return None
-        nearest = min(float(apart[best][a, b]) for a, b in combinations(chosen, 2))
-        return Separation(self.candidates[best], tuple(self._open[k][0] for k in chosen), nearest)
+        nearest = min(float(apart[best][a, b]) for a, b in combinations(subset, 2))
+        return Separation(self.candidates[best], tuple(self._open[k][0] for k in subset), nearest)
 
     @cached_property
     def outside(self) -> Outside | None:

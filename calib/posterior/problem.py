@@ -87,9 +87,9 @@ class PosteriorProblem:
     @cached_property
     def base(self) -> FloatArray:
         """Derivatives ``(n, b)`` by the base, per standard deviation of what is expected."""
-        none = np.zeros((len(self.columns), 0))  # one posture shows no law
+        no_law = np.zeros((len(self.columns), 0))  # one posture shows no law
         laws = [self.columns[:, self.index[k]] / self.components[k].unit for k in self.everywhere]
-        return np.hstack([self.rows.base, none, *laws]) @ self.base_root
+        return np.hstack([self.rows.base, no_law, *laws]) @ self.base_root
 
     def spread_of(self, k: int) -> FloatArray:
         """Standard deviations ``(r,)`` of the values of a component everywhere.
@@ -141,7 +141,7 @@ class PosteriorProblem:
             models, log_share = reached(models, within, self.components)
             log_evidence += log_share
         acting = effects_of_tool(self.sessions[-1].case.model)
-        placed = [(one.effect, one.place) for one in acting]
+        placed = [(instance.effect, instance.place) for instance in acting]
         lines = self.sessions[-1].case.geometry
         laws = dict.fromkeys([*self.placed, *laws_held(self.geometry), *placed, *lines])
         field = tool_field(self.geometry, tuple(laws))
@@ -152,14 +152,14 @@ class PosteriorProblem:
         log_plain = race.log_evidence(np.array(nothing.square), np.array(nothing.room))
         plain = RaceEntry((), (), float(LOG_CAUSES[0] + log_plain))
         # something else explains any mistake away
-        named = [one for one in entries if one.members and not self._else(one)]
-        heaviest = [plain, *named[:MOST_BESIDE]]
+        of_names = [entry for entry in entries if entry.members and not self._else(entry)]
+        heaviest = [plain, *of_names[:MOST_BESIDE]]
 
         def beside(number: int, *, alone: bool) -> list[RivalModel]:
             models = self._single_names(race) if alone else heaviest
             return [RivalModel(m.log_weight + constant, self._beside(number, m)) for m in models]
 
-        names = [k for k, one in enumerate(self.components) if one.kind in ("named", "beside")]
+        names = [k for k, law in enumerate(self.components) if law.kind in ("named", "beside")]
 
         def with_one_name(number: int, change_mm: FloatArray) -> FloatArray:
             changed = self._laws.whitened(self._changed(number, change_mm))
@@ -193,8 +193,8 @@ class PosteriorProblem:
         """A root ``(b, b)`` of the covariance of the base; what laws do follows from the others."""
         laws, count = self._laws, len(self.rows.residual)
         beside = -laws.seen.T @ (about.basis[:count])
-        none = np.zeros((len(about.inverse), len(laws.root)))
-        root = np.block([[about.inverse, none], [beside, laws.root]])
+        zeros = np.zeros((len(about.inverse), len(laws.root)))
+        root = np.block([[about.inverse, zeros], [beside, laws.root]])
         return np.asarray(self.base_root @ root)
 
     def _moved(self, about: About, along: FloatArray, remainder: FloatArray) -> FloatArray:
@@ -213,8 +213,8 @@ class PosteriorProblem:
             return 0.0
         offsets = (rows.base * rows.spread)[:, LENGTHS:]
         white = rows.whitening[LENGTHS:, LENGTHS:]
-        none = np.zeros(offsets.shape[1])
-        alone = About.of(offsets, np.zeros(len(offsets)), none, white)
+        no_expectation = np.zeros(offsets.shape[1])
+        alone = About.of(offsets, np.zeros(len(offsets)), no_expectation, white)
         return self._plain.room - alone.room
 
     def _log_of_states(self) -> float:

@@ -147,7 +147,7 @@ class Race:
         )
 
     def best_singles(
-        self, along: FloatArray, square: FloatArray, chosen: Sequence[int]
+        self, along: FloatArray, square: FloatArray, components: Sequence[int]
     ) -> FloatArray:
         """Log weights ``(m,)`` of the best of these components alone for other readings.
 
@@ -155,7 +155,7 @@ class Race:
         """
         best = np.full(len(square), -math.inf)
         for members, index, blocks in self._blocks:
-            mine = np.isin(members, chosen)
+            mine = np.isin(members, components)
             if not mine.any():
                 continue
             sizes, axes = np.linalg.eigh(blocks[mine])
@@ -265,14 +265,14 @@ class Race:
         if not log:
             return {}
         firsts, seconds, logs = np.concatenate(first), np.concatenate(second), np.concatenate(log)
-        chosen = np.argsort(-logs, kind="stable")[:PAIRS]
-        chosen = chosen[logs[chosen] > logs.max() - FAR_BEHIND]
+        best = np.argsort(-logs, kind="stable")[:PAIRS]
+        best = best[logs[best] > logs.max() - FAR_BEHIND]
         weights: dict[Key, float] = {}
         scale_pairs = np.array([(i, j) for i in range(len(SCALES)) for j in range(len(SCALES))])
         widths_of = np.array([len(columns) for columns in self.columns])
-        shapes = np.stack([widths_of[firsts[chosen]], widths_of[seconds[chosen]]], axis=1)
+        shapes = np.stack([widths_of[firsts[best]], widths_of[seconds[best]]], axis=1)
         for shape in np.unique(shapes, axis=0):
-            of_shape = chosen[(shapes == shape).all(axis=1)]
+            of_shape = best[(shapes == shape).all(axis=1)]
             first_members, second_members = (
                 np.repeat(side[of_shape], len(scale_pairs)) for side in (firsts, seconds)
             )

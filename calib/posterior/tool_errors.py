@@ -95,8 +95,8 @@ class ToolErrors:
     @cached_property
     def _roots(self) -> FloatArray:
         """Those of every model ``(n_models, f, k)``, filled up with zeros."""
-        most = max(model.root.shape[1] for model in self.models)
-        roots = np.zeros((*self._mean.shape, most))
+        widest = max(model.root.shape[1] for model in self.models)
+        roots = np.zeros((*self._mean.shape, widest))
         for filled, model in zip(roots, self.models, strict=True):
             filled[:, : model.root.shape[1]] = model.root
         return roots

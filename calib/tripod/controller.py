@@ -386,13 +386,13 @@ def _added_mm(model: Model) -> tuple[FloatArray, FloatArray]:
 
     Where the corrected controller believes the places of `_judged_mm`.
     """
-    believed, offset = _judged_mm(model.geometry), np.array(model.parameters_mm[:3])
+    position_mm, offset = _judged_mm(model.geometry), np.array(model.parameters_mm[:3])
     parts = []
     for way in (1.0, -1.0):
-        added = np.zeros_like(believed)
+        added = np.zeros_like(position_mm)
         for _ in range(PASSES):
             former = added
-            added = carriage_error_mm(model, believed - offset - former, way) - offset
+            added = carriage_error_mm(model, position_mm - offset - former, way) - offset
             if np.abs(added - former).max() < SETTLED_MM:
                 break
         parts.append(added)

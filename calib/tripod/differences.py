@@ -69,9 +69,9 @@ class Differences:
         Those over a plane, which the papers only describe, are among them. Without any of these it
         is every displacement at one station.
         """
-        named = list(enumerate(self.names))
-        rows = [k for k, name in named if "@" not in name or OVER_PLANE in name]
-        rows = rows or [k for k, name in named if "@s" not in name]
+        numbers = list(enumerate(self.names))
+        rows = [k for k, name in numbers if "@" not in name or OVER_PLANE in name]
+        rows = rows or [k for k, name in numbers if "@s" not in name]
         return np.array(rows, dtype=np.intp)
 
 

@@ -505,11 +505,11 @@ def _square(vector: Coordinates) -> NDArray[Any]:
     return np.asarray(x * x + y * y + z * z)
 
 
-def _unreachable(position: NDArray[Any], what: str) -> UnreachablePosture:
+def _unreachable(position: NDArray[Any], subject: str) -> UnreachablePosture:
     position_words = ", ".join(f"{float(v):.3f}" for v in position)
     return UnreachablePosture(
         "unreachable posture",
-        f"{what} ({position_words}) mm",
+        f"{subject} ({position_words}) mm",
         "positions for which the three legs can meet",
         "Check the displacement, the leg length and the joint limits of the machine file.",
     )

@@ -30,14 +30,14 @@ STEP_MM, STEP_STATION = 1e-2, 1e-4
 
 
 def move_off_grid(
-    grid: LegPool, chosen: Sequence[int] | IntArray, noise_mm: float, aim: Aim
+    grid: LegPool, subset: Sequence[int] | IntArray, noise_mm: float, aim: Aim
 ) -> LegPool:
     """Improve the chosen postures of the grid; never worse than there, joint limits and bars kept.
 
     Repeats stay repeats, and legs that are treated alike stay so. Raises NotIdentifiable where
     the chosen ones do not see all wanted parameters.
     """
-    postures = grid.take(np.array(chosen, dtype=np.intp))
+    postures = grid.take(np.array(subset, dtype=np.intp))
     moves = _Moves.of(grid, postures)
 
     def rows_and_pull(coordinates: FloatArray) -> tuple[FloatArray, Pull]:

@@ -98,16 +98,16 @@ def optimum_postures(
     search = _Search(machine, count, aim, seed, starts, repeats=repeats, common=common)
     search.check_count(pool)
     pool, best = search.within(pool, budget_min)
-    chosen: Sequence[int] = best.chosen
+    subset: Sequence[int] = best.chosen
     if refine:
         noise_mm = machine.noise.standard_deviation_mm
-        moved, numbers = move_off_grid(pool, chosen, noise_mm, aim), range(len(chosen))
+        moved, numbers = move_off_grid(pool, subset, noise_mm, aim), range(len(subset))
         # unless the way there would turn more often than there is time for
         if budget_min is None or not search.minutes(moved, numbers) > budget_min:
-            pool, chosen = moved, numbers
+            pool, subset = moved, numbers
     seconds = time.perf_counter() - begin
     whitened = examined.sensitivity.jacobian
-    information = search.candidates(pool).information(np.array(chosen, dtype=np.intp))
+    information = search.candidates(pool).information(np.array(subset, dtype=np.intp))
     remaining = wanted_information(information, aim)
     plain = Aim(criterion, None, metric)
     return ChosenPostures(
@@ -115,17 +115,17 @@ def optimum_postures(
         procedure=examined.procedure,
         criterion=criterion,
         before=_figures(whitened.T @ whitened, plain, examined.minutes, examined.posture_count),
-        after=_figures(remaining, plain, search.minutes(pool, chosen), count),
+        after=_figures(remaining, plain, search.minutes(pool, subset), count),
         grid_value=best.value if refine else None,
         start_condition_number=best.start_condition_number,
-        postures=tuple(_coordinates(pool, chosen)),
-        coordinates_on_bound=_on_bound(pool, chosen),
+        postures=tuple(_coordinates(pool, subset)),
+        coordinates_on_bound=_on_bound(pool, subset),
         seconds=seconds,
         starts=starts,
         seed=seed,
         exchanges=best.exchanges,
         noise_words=examined.noise_words,
-        orders=_orders(pool, chosen),
+        orders=_orders(pool, subset),
     )
 
 
@@ -144,9 +144,9 @@ class _Search:
     def candidates(self, pool: LegPool) -> Candidates:
         """Rows divided by the noise of a reading; columns of unused zeros left out."""
         rows = pool.rows / self.machine.noise.standard_deviation_mm
-        used = np.asarray(np.abs(rows).max(axis=(0, 1)) > 0.0)
-        used[:PARAMETERS] = True
-        return Candidates(np.ascontiguousarray(rows[:, :, used]))
+        is_seen = np.asarray(np.abs(rows).max(axis=(0, 1)) > 0.0)
+        is_seen[:PARAMETERS] = True
+        return Candidates(np.ascontiguousarray(rows[:, :, is_seen]))
 
     def check_count(self, pool: LegPool) -> None:
         """Raises ImpossibleRequest for more postures than there are, or too few for any choice."""
@@ -172,9 +172,9 @@ class _Search:
                 return PARAMETERS // 2 + 1
         return PARAMETERS // 2 + 2
 
-    def minutes(self, pool: LegPool, chosen: Sequence[int]) -> float:
+    def minutes(self, pool: LegPool, subset: Sequence[int]) -> float:
         """Steps, with those where the way turns, and set-up of each mounting."""
-        orders = _orders(pool, chosen)
+        orders = _orders(pool, subset)
         return self.machine.minutes(sum(map(len, orders.values())), len(orders))
 
     def within(self, pool: LegPool, budget_min: float | None) -> tuple[LegPool, ChosenCandidates]:
@@ -190,9 +190,9 @@ class _Search:
                 f"about {needed_min:.0f} min for {self.count} postures",
                 "Ask for fewer postures or give more time.",
             )
-            used, counts = np.unique(pool.place[list(best.chosen)], return_counts=True)
-            pool_rows = np.flatnonzero(np.isin(pool.place, np.delete(used, counts.argmin())))
-            if len(used) < 2 or (len(pool_rows) < self.count and not self.repeats):
+            places, counts = np.unique(pool.place[list(best.chosen)], return_counts=True)
+            pool_rows = np.flatnonzero(np.isin(pool.place, np.delete(places, counts.argmin())))
+            if len(places) < 2 or (len(pool_rows) < self.count and not self.repeats):
                 raise too_little
             pool = pool.take(pool_rows)
             try:
@@ -256,10 +256,10 @@ def _visits_of_all(pool: LegPool, legs: IntArray, station: float) -> IntArray:
     return np.stack(members, axis=1)
 
 
-def _coordinates(pool: LegPool, chosen: Sequence[int]) -> Iterator[Coordinates]:
+def _coordinates(pool: LegPool, subset: Sequence[int]) -> Iterator[Coordinates]:
     """Leg by leg, station by station, rising displacements."""
     for k in sorted(
-        chosen,
+        subset,
         key=lambda k: (pool.leg[k], pool.station[k], pool.displacement_mm[k], pool.approach[k]),
     ):
         yield {
@@ -270,19 +270,19 @@ def _coordinates(pool: LegPool, chosen: Sequence[int]) -> Iterator[Coordinates]:
         }
 
 
-def _on_bound(pool: LegPool, chosen: Sequence[int]) -> int:
+def _on_bound(pool: LegPool, subset: Sequence[int]) -> int:
     """Displacements on a joint limit and stations at an end of their range."""
-    picked, geometry = list(chosen), pool.geometry
+    picked, geometry = list(subset), pool.geometry
     limits = (geometry.travel_min_mm, geometry.travel_max_mm)
     ends = (min(STATIONS), max(STATIONS))
     moved = np.isin(pool.displacement_mm[picked], limits).sum()
     return int(moved + np.isin(pool.station[picked], ends).sum())
 
 
-def _orders(pool: LegPool, chosen: Sequence[int]) -> Orders:
+def _orders(pool: LegPool, subset: Sequence[int]) -> Orders:
     """Displacements to visit for each mounting (leg, station)."""
     grouped: dict[tuple[int, float], list[Visit]] = {}
-    for k in sorted(chosen, key=lambda k: pool.place[k]):
+    for k in sorted(subset, key=lambda k: pool.place[k]):
         visit = float(pool.displacement_mm[k]), int(pool.approach[k])
         grouped.setdefault(pool.places[pool.place[k]], []).append(visit)
     orders = {}

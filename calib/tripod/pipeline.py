@@ -124,7 +124,7 @@ def driven(
     effects: Sequence[StageEffect] = (),
 ) -> Flow:
     """The same as far as the carriages, which need not reach each other."""
-    parameters, none = np.asarray(parameters_mm), np.empty(0)
+    parameters, empty = np.asarray(parameters_mm), np.empty(0)
     flow = Flow(
         geometry=geometry,
         taken=conditions,
@@ -132,10 +132,10 @@ def driven(
         joint_offset_mm=parameters[..., None, :3],
         length_error_mm=parameters[..., None, 3:],
         command_mm=command_mm,
-        carriage_mm=none,
-        foot_mm=none,
-        tool_mm=none,
-        fraction=none,
+        carriage_mm=empty,
+        foot_mm=empty,
+        tool_mm=empty,
+        fraction=empty,
     )
     return replace(flow, carriage_mm=actuator(flow))
 

@@ -96,8 +96,8 @@ class TripodPlanning:
         prior = np.full(pool.rows.shape[2], ZERO_SPREAD_MM**-2.0)
         prior[:PARAMETERS] = TOLERANCE_MM**-2.0
         covariance = inverse(_information(design, weight, visited, pool) + np.diag(prior))
-        used = {(int(leg), float(s)) for leg, s in zip(visited.leg, visited.station, strict=True)}
-        mounted = np.array([pool.places[p] in used for p in pool.place], dtype=np.bool_)
+        places = {(int(leg), float(s)) for leg, s in zip(visited.leg, visited.station, strict=True)}
+        mounted = np.array([pool.places[p] in places for p in pool.place], dtype=np.bool_)
         zero = np.array(
             [pool.index(int(i), 0.0, float(s)) for i, s in zip(pool.leg, pool.station, strict=True)]
         )
@@ -105,7 +105,7 @@ class TripodPlanning:
         alone = (pool.rows - pool.rows[zero]) / math.sqrt(2.0)
         rows = np.where(mounted[:, None, None], pool.rows, alone) / self.noise.standard_deviation_mm
         after = covariances_after(covariance, rows, np.ones(2), list(FREE))
-        now = [float(one @ covariance[:PARAMETERS, :PARAMETERS] @ one) for one in vectors]
+        now = [float(vector @ covariance[:PARAMETERS, :PARAMETERS] @ vector) for vector in vectors]
         return tuple(
             self._cure(pool, mounted, after, vector, least)
             for vector, least in zip(vectors, now, strict=True)
@@ -167,18 +167,18 @@ WAY_POINTS = 17
 def excursion_mm(
     geometry: Geometry,
     tolerance_mm: FloatArray,
-    read: tuple[int, int],
+    mounting: tuple[int, int],
     places: Sequence[tuple[float, float]],
     tilt_mrad: float | None = None,
 ) -> float:
     """How far a spindle moves in one set-up, between displacements (mm) with their stations.
 
-    ``read`` are the leg and the axis. Two standard deviations of the largest difference, where
+    ``mounting`` is the leg and the axis. Two standard deviations of the largest difference, where
     base parameters are off by ``tolerance_mm`` ``(6,)``; nominally readings never change. From Zero
     over all levels and the way between them; of a stand that slides on a plane, which leans by
     ``tilt_mrad`` at most, in the postures alone.
     """
-    leg, axis = read
+    leg, axis = mounting
     at_mm, station = (np.array(column) for column in zip(*places, strict=True))
     if tilt_mrad is None:
         at_mm = np.append(np.linspace(at_mm.min(), at_mm.max(), WAY_POINTS), 0.0)

@@ -57,10 +57,10 @@ class LegPool:
     def __len__(self) -> int:
         return len(self.leg)
 
-    def take(self, chosen: IntArray) -> LegPool:
+    def take(self, subset: IntArray) -> LegPool:
         """Only these candidates; the zeros stay."""
         arrays = ("leg", "displacement_mm", "approach", "station", "place", "rows")
-        return replace(self, **{name: getattr(self, name)[chosen] for name in arrays})
+        return replace(self, **{name: getattr(self, name)[subset] for name in arrays})
 
     def moved(self, displacement_mm: FloatArray, station: FloatArray) -> LegPool:
         """The same candidates elsewhere ``(n,)``; those of one mounting keep a common station."""

@@ -47,9 +47,9 @@ class TiltOfTouchedPlate(PlateTilt):
     def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
         """Touched points ``(..., n, 3)``."""
         conditions = at.flow.taken
-        met = conditions.contact & (conditions.axis == numbers(at.place)[1])
+        in_contact = conditions.contact & (conditions.axis == numbers(at.place)[1])
         along = measuring_directions(at.flow.geometry, conditions)
-        return np.asarray((off_mm * met)[..., None] * along)
+        return np.asarray((off_mm * in_contact)[..., None] * along)
 
 
 Shape = Literal["first", "second", "twist", "round"]
@@ -140,9 +140,9 @@ def _turns(geometry: Geometry, conditions: Conditions) -> FloatArray:
         return turns
     apart = np.cross(geometry.bars(np.zeros(3)), geometry.directions)
     apart /= np.linalg.norm(apart, axis=1)[:, None]
-    met = conditions.beside_mm.any(axis=1)
-    longer = np.cross(apart, geometry.bars(commanded_tool(geometry, conditions)[met]))
-    turns[met] = np.swapaxes(np.linalg.inv(longer), -1, -2)
+    off_centre = conditions.beside_mm.any(axis=1)
+    longer = np.cross(apart, geometry.bars(commanded_tool(geometry, conditions)[off_centre]))
+    turns[off_centre] = np.swapaxes(np.linalg.inv(longer), -1, -2)
     return turns
 
 

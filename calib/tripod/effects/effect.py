@@ -177,8 +177,8 @@ PER_THOUSAND = 1e-3
 
 def mounts(conditions: Conditions) -> tuple[str, ...]:
     """Leg and measuring axis of every kind of mounting of an indicator; a contact has none."""
-    read = ~conditions.contact
-    touched = set(zip(conditions.leg[read].tolist(), conditions.axis[read].tolist(), strict=True))
+    rows = ~conditions.contact
+    touched = set(zip(conditions.leg[rows].tolist(), conditions.axis[rows].tolist(), strict=True))
     return tuple(place for place in DIRECTIONS + AT_TOOL if numbers(place) in touched)
 
 
@@ -206,8 +206,8 @@ def from_meeting_mm(flow: Flow, leg: int) -> NDArray[Any]:
 def at_mount(flow: Flow, place: str) -> FloatArray:
     """1 for the readings of this leg and measuring axis, 0 for others and contacts ``(n,)``."""
     (leg, axis), conditions = numbers(place), flow.taken
-    read = (conditions.leg == leg) & (conditions.axis == axis) & ~conditions.contact
-    return np.asarray(read, dtype=np.float64)
+    rows = (conditions.leg == leg) & (conditions.axis == axis) & ~conditions.contact
+    return np.asarray(rows, dtype=np.float64)
 
 
 def hours(conditions: Conditions) -> FloatArray:

@@ -119,12 +119,12 @@ def try_profiles(
     all that cannot be told apart are found and a device that was found hears little more.
     """
     waiting = _groups(profiles, port, query)
-    count, done = len(waiting), 0
+    count, number = len(waiting), 0
     fits: list[FittingProfile] = []
-    heard: list[tuple[Profile, Fault]] = []
+    faults: list[tuple[Profile, Fault]] = []
     while waiting and not stopped():
-        group, done = waiting.pop(0), done + 1
-        progress(done, count, group)
+        group, number = waiting.pop(0), number + 1
+        progress(number, count, group)
         outcome = _tried(group, port, query, stopped)
         group_fits = _read(group, outcome.text, query)
         if group_fits and _rank(outcome) <= A_VALUE:
@@ -133,10 +133,10 @@ def try_profiles(
                 [fit.profile for fit in _read(group, outcome.text, query)] for group in waiting
             )
             waiting = [tuple(fitting) for fitting in candidates if fitting]
-            count = done + len(waiting)
+            count = number + len(waiting)
         elif isinstance(outcome, Fault) and outcome.kind is not FaultKind.NO_ANSWER:
-            heard.append((group[0], outcome))
-    return Trials(tuple(fits), tuple(heard), done)
+            faults.append((group[0], outcome))
+    return Trials(tuple(fits), tuple(faults), number)
 
 
 def _groups(profiles: Iterable[Profile], port: str, query: Query) -> list[Group]:
@@ -246,11 +246,11 @@ def findings_of(trials: Trials) -> list[PortFinding]:
     return findings
 
 
-def _of_silence(heard: Sequence[tuple[Profile, Fault]]) -> Iterable[PortFinding]:
-    for profile, fault in heard:
+def _of_silence(faults: Sequence[tuple[Profile, Fault]]) -> Iterable[PortFinding]:
+    for profile, fault in faults:
         answer = f"asked as {profile.name}: {fault.kind}, {fault.text!r:.60}"
         yield PortFinding(False, answer, fault.words)
-    evidence = "none of its answers is a value" if heard else "nothing came"
+    evidence = "none of its answers is a value" if faults else "nothing came"
     next_step = "Check power, cable and plug. What is set at the device itself (speed, pattern)"
     yield PortFinding(False, f"no profile fits: {evidence}", f"{next_step} needs --profile.")
 

@@ -224,19 +224,19 @@ class Exchange:
 
     def _overhear(self, port: SerialPort) -> None:
         """Look at what came before the question: nothing of it may be taken for the answer."""
-        heard = port.read(BULK) if self._fault else b""
-        while not heard[FLOOD:] and (waiting := port.in_waiting):
-            heard += port.read(waiting if len(heard) < LONGEST_LINE else BULK)
-        if not heard and not self._received:
+        content = port.read(BULK) if self._fault else b""
+        while not content[FLOOD:] and (waiting := port.in_waiting):
+            content += port.read(waiting if len(content) < LONGEST_LINE else BULK)
+        if not content and not self._received:
             self._leave_flood()
             return
-        if len(heard) > FLOOD:
+        if len(content) > FLOOD:
             self._received, self._begun_before = b"", True
             message = "the device sends without end: wrong device on this port, or wrong speed?"
             self._doubt(Fault(FaultKind.SENDS_UNASKED, "", message), APART_S)
             return
         self._leave_flood()
-        *lines, remainder = (self._received + heard).replace(b"\n", b"\r").split(b"\r")
+        *lines, remainder = (self._received + content).replace(b"\n", b"\r").split(b"\r")
         self._received = remainder.lstrip(b"\x00")
         if self.profile.request is None:
             self._begun_before = bool(self._received)

@@ -75,35 +75,36 @@ def checked(
     """
     usual_mm = BY_HAND_MM if deviation_mm is None else deviation_mm
     return tuple(
-        _checked(number, one, geometry, usual_mm) for number, one in enumerate(measured, start=1)
+        _checked(number, entry, geometry, usual_mm)
+        for number, entry in enumerate(measured, start=1)
     )
 
 
-def _checked(number: int, one: Measured, geometry: Geometry, usual_mm: float) -> Distance:
-    for place in (one.from_mm, one.to_mm):
+def _checked(number: int, entry: Measured, geometry: Geometry, usual_mm: float) -> Distance:
+    for place in (entry.from_mm, entry.to_mm):
         if not (geometry.reach_mm2(np.array(place)) > 0.0).all():
             at = ", ".join(f"{value:g}" for value in place)
-            raise RecordError(one.where, f"a mark at ({at}) mm", "places that the bars reach")
-    apart_mm = math.dist(one.from_mm, one.to_mm)
-    if not (apart_mm > 0.0 < one.value_mm and abs(one.value_mm - apart_mm) <= OFF_MM):
+            raise RecordError(entry.where, f"a mark at ({at}) mm", "places that the bars reach")
+    apart_mm = math.dist(entry.from_mm, entry.to_mm)
+    if not (apart_mm > 0.0 < entry.value_mm and abs(entry.value_mm - apart_mm) <= OFF_MM):
         raise RecordError(
-            one.where,
-            f"{one.value_mm:g} mm between marks that were commanded {apart_mm:.6g} mm apart",
+            entry.where,
+            f"{entry.value_mm:g} mm between marks that were commanded {apart_mm:.6g} mm apart",
             f"two marks, and a distance within {OFF_MM:g} mm of that",
             "Is it in mm, and of these two marks? Measure it again, or take it out.",
         )
-    deviation_mm = usual_mm if one.deviation_mm is None else one.deviation_mm
+    deviation_mm = usual_mm if entry.deviation_mm is None else entry.deviation_mm
     if not LEAST_MM <= deviation_mm <= OFF_MM:
         raise RecordError(
-            one.where,
+            entry.where,
             f"a standard deviation of {deviation_mm:g} mm",
             f"{LEAST_MM:g} … {OFF_MM:g} mm, that of marking and measuring together",
         )
     return Distance(
         distance=number,
-        from_mm=one.from_mm,
-        to_mm=one.to_mm,
-        value_mm=one.value_mm,
+        from_mm=entry.from_mm,
+        to_mm=entry.to_mm,
+        value_mm=entry.value_mm,
         deviation_mm=deviation_mm,
-        text=one.text,
+        text=entry.text,
     )

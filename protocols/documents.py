@@ -73,21 +73,21 @@ MOST_WRITTEN_BYTES = 1_000_000
 D = TypeVar("D", bound=BaseModel)
 
 
-def read_toml(path: Path, kind: type[D], what: str) -> D:
+def read_toml(path: Path, kind: type[D], subject: str) -> D:
     """The document in a TOML file. Raises RecordError naming the file, the key and the value."""
-    text = read_text(path, what, MOST_WRITTEN_BYTES)
+    text = read_text(path, subject, MOST_WRITTEN_BYTES)
     if is_deep(text):
-        raise RecordError(f"{what} {path}", "a key of very many parts", "TOML text")
+        raise RecordError(f"{subject} {path}", "a key of very many parts", "TOML text")
     try:
         # strict validation takes lists for tuples only from JSON, and TOML has no tuples
         content = json.dumps(tomllib.loads(text), default=str)
     except (ValueError, RecursionError) as problem:
-        raise RecordError(f"{what} {path}", str(problem), "TOML text") from problem
+        raise RecordError(f"{subject} {path}", str(problem), "TOML text") from problem
     try:
         return kind.model_validate_json(content)
     except ValidationError as problem:
         raise RecordError(
-            f"{what} {path}", reason=describe(problem, text), next_step=_keys_for(problem, kind)
+            f"{subject} {path}", reason=describe(problem, text), next_step=_keys_for(problem, kind)
         ) from problem
 
 
@@ -110,14 +110,14 @@ def _keys_for(problem: ValidationError, kind: type[BaseModel]) -> str:
     return f"docs/schemas/{schema.replace('/', '-')}.json lists the {len(keys)} keys"
 
 
-def read_json(path: Path, kind: type[D], what: str, requirement: str, next_step: str = "") -> D:
+def read_json(path: Path, kind: type[D], subject: str, requirement: str, next_step: str = "") -> D:
     """The document in a JSON file. Raises RecordError naming the file, the place and the value."""
     try:
-        return kind.model_validate_json(read_text(path, what))
+        return kind.model_validate_json(read_text(path, subject))
     except ValidationError as problem:
         fault = describe(problem)
         raise RecordError(
-            f"{what} {path}", reason=fault, allowed=requirement, next_step=next_step
+            f"{subject} {path}", reason=fault, allowed=requirement, next_step=next_step
         ) from problem
 
 
@@ -130,7 +130,7 @@ def refuse_empty(document: Document, thing: str, allowed: str, next_step: str) -
         raise RecordError(thing, "no key but schema", allowed, next_step)
 
 
-def read_remembered(path: Path, kind: type[D], what: str) -> D:
+def read_remembered(path: Path, kind: type[D], subject: str) -> D:
     """What the program remembers in a JSON file of its own; ``kind()`` where there is none yet.
 
     Raises as `read_json`.
@@ -141,22 +141,22 @@ def read_remembered(path: Path, kind: type[D], what: str) -> D:
         "what the program wrote",
         "Remove the file: it is written again",
     )
-    return read_json(path, kind, what, requirement, next_step)
+    return read_json(path, kind, subject, requirement, next_step)
 
 
-def read_text(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:
+def read_text(path: Path, subject: str, most_bytes: int = MOST_BYTES) -> str:
     """The text of a file as UTF-8, line breaks as ``\\n``. Raises as `read_bytes`."""
     try:
-        text = read_bytes(path, what, most_bytes).decode("utf-8-sig")
+        text = read_bytes(path, subject, most_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         next_step = "Save it as UTF-8; editors and spreadsheets offer that where they save."
         raise RecordError(
-            f"{what} {path}", next_step=next_step, reason="not UTF-8 text"
+            f"{subject} {path}", next_step=next_step, reason="not UTF-8 text"
         ) from problem
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def read_bytes(path: Path, what: str, most_bytes: int = MOST_BYTES) -> bytes:
+def read_bytes(path: Path, subject: str, most_bytes: int = MOST_BYTES) -> bytes:
     """The content of a file: the one door for files of a user.
 
     Raises RecordError where it cannot be read, is no ordinary file or larger than ``most_bytes``.
@@ -165,10 +165,10 @@ def read_bytes(path: Path, what: str, most_bytes: int = MOST_BYTES) -> bytes:
         with open_to_read(path) as file:
             content = file.read(most_bytes + 1)
     except OSError as problem:
-        raise unreadable(f"{what} {path}", problem) from problem
+        raise unreadable(f"{subject} {path}", problem) from problem
     if len(content) > most_bytes:
         size, requirement = f"more than {most_bytes:,} bytes", f"a file up to {most_bytes:,} bytes"
-        raise RecordError(f"{what} {path}", size, requirement)
+        raise RecordError(f"{subject} {path}", size, requirement)
     return content
 
 
@@ -195,8 +195,8 @@ def describe(problem: ValidationError, text: str | None = None) -> str:
         nested = isinstance(fault["input"], dict) or "{" in repr(fault["input"])[:2]
         value = "" if nested or fault["type"] == "missing" else f" (found {fault['input']!r:.40})"
         faults.append(f"{where}: {message}{value}" if where else message)
-    more = len(errors) - len(faults)
-    return "; ".join(faults) + (f"; and {more} more" if more > 0 else "")
+    further_count = len(errors) - len(faults)
+    return "; ".join(faults) + (f"; and {further_count} more" if further_count > 0 else "")
 
 
 ALLOWED = {

@@ -123,9 +123,9 @@ class Contradiction:
 
 
 def contradiction(
-    session: Session, taken: Sequence[Reading], *, beyond: bool
+    session: Session, last_readings: Sequence[Reading], *, beyond: bool
 ) -> Contradiction | None:
-    """Whether the readings just ``taken``, the last of the session, disagree with those before.
+    """Whether the ``last_readings`` of the session, just taken, disagree with those before.
 
     ``beyond`` is whether they are further off than was expected of them: only then may they be
     wrong. Of two repeats of a posture either may be; with a third the odd one is known, where all
@@ -135,7 +135,7 @@ def contradiction(
     if procedure is None:
         return None
     readings = session.readings[-MOST:]
-    now = taken[0]
+    now = last_readings[0]
 
     def again(group: Sequence[Reading]) -> bool:
         return (group[0].posture_mm, group[0].station) == (now.posture_mm, now.station)
@@ -168,11 +168,11 @@ def since_last_seen(session: Session) -> tuple[Reading, ...]:
     here = [r for r in session.readings if r.mount in mounts]
     steps = [[r for r in here if r.step == n] for n in dict.fromkeys(r.step for r in here)]
     limit_mm = procedure.repeat_limit_mm if procedure else 0.0
-    seen = 0
+    last_place = 0
     for k, latest in enumerate(steps):
-        if any(_repeats(latest, before, limit_mm) for before in steps[: min(seen + 1, k)]):
-            seen = k
-    return tuple(r for step in steps[seen + 1 :] for r in step)
+        if any(_repeats(latest, before, limit_mm) for before in steps[: min(last_place + 1, k)]):
+            last_place = k
+    return tuple(r for step in steps[last_place + 1 :] for r in step)
 
 
 def _repeats(latest: Sequence[Reading], before: Sequence[Reading], limit_mm: float) -> bool:
@@ -193,7 +193,7 @@ def _contradicted(
     group = np.array([number[key] for key in keys], dtype=np.intp)
     noise_mm = max(LEAST_NOISE_MM, limit_mm / (math.sqrt(2.0) * REACH))  # of each of two repeats
     return [
-        [[r for r, g in zip(readings, group, strict=True) if g == one] for one in together]
+        [[r for r, g in zip(readings, group, strict=True) if g == k] for k in together]
         for together in correlated.contradicted(group, noise_mm, limit_mm, REACH)
     ]
 

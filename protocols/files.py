@@ -78,10 +78,10 @@ def write_all(file: io.FileIO, content: bytes) -> None:
     """Every byte, at the present place, and on the disk. Raises OSError."""
     remaining = memoryview(content)
     while remaining:
-        written = file.write(remaining)
-        if not written:
+        size = file.write(remaining)
+        if not size:
             raise OSError(errno.EIO, "nothing was written")
-        remaining = remaining[written:]
+        remaining = remaining[size:]
     os.fsync(file.fileno())
 
 
@@ -191,9 +191,9 @@ class FilesThere(UsageError):
     """Files that stand where others are to be written: only a person may give them up."""
 
     def __init__(self, existing: Sequence[Path]) -> None:
-        first, *more = existing
-        names = [str(first), *(p.name if p.parent == first.parent else str(p) for p in more)]
-        self.words = f"{', '.join(names)} {'are' if more else 'is'} there already"
+        first, *further = existing
+        names = [str(first), *(p.name if p.parent == first.parent else str(p) for p in further)]
+        self.words = f"{', '.join(names)} {'are' if further else 'is'} there already"
         super().__init__(self.words, next_step="Give another name, or --force to replace")
 
 
@@ -214,7 +214,7 @@ def check_targets(targets: Iterable[Path], *, replace: bool = False) -> None:
         raise FilesThere(existing)
 
 
-def write_files(path: Path, written: Written, *, replace: bool = False) -> list[Path]:
+def write_files(path: Path, contents: Written, *, replace: bool = False) -> list[Path]:
     """Write one file at ``path``, or several into the folder ``path``: all of them or none.
 
     Every file that a person asks for is written here. None is written through a link: a target
@@ -226,14 +226,14 @@ def write_files(path: Path, written: Written, *, replace: bool = False) -> list[
     RecordError where the disk refuses, which tells what stands there if the old ones could not be
     put back.
     """
-    targets = targets_of(path, written)
+    targets = targets_of(path, contents)
     check_targets(targets, replace=replace)
     staged: dict[Path, Path] = {}
-    made: list[Path] = []
+    new_folders: list[Path] = []
     try:
         for target, content in targets.items():
             folders = (target.parent, *target.parent.parents)
-            made += [folder for folder in folders if not folder.exists()]
+            new_folders += [folder for folder in folders if not folder.exists()]
             target.parent.mkdir(parents=True, exist_ok=True)
             staged[target] = stage(target, content)
         _check_for_links(targets)  # once more: one that came meanwhile is not ours to replace
@@ -242,7 +242,7 @@ def write_files(path: Path, written: Written, *, replace: bool = False) -> list[
         for part in staged.values():
             with suppress(OSError):
                 part.unlink(missing_ok=True)
-        for folder in made:  # each before the one that it is in
+        for folder in new_folders:  # each before the one that it is in
             with suppress(OSError):
                 folder.rmdir()
         raise RecordError(
@@ -310,9 +310,9 @@ def _what_stands_there(staged: dict[Path, Path]) -> str:
     )
 
 
-def targets_of(path: Path, written: Written) -> dict[Path, str | bytes]:
+def targets_of(path: Path, contents: Written) -> dict[Path, str | bytes]:
     """The contents by the paths of their files."""
-    return {path / name if name else path: content for name, content in written.items()}
+    return {path / name if name else path: content for name, content in contents.items()}
 
 
 def _refuse_to_replace(target: Path) -> None:

@@ -178,8 +178,8 @@ def _plain(part: Any, unit: float, key: str = "") -> Any:  # noqa: ANN401 (JSON)
     if isinstance(part, list | tuple):
         return tuple(_plain(entry, unit, key) for entry in part)
     if isinstance(part, dict):
-        named = {name: f"{name}m" if _in_metres(name, unit) else name for name in part}
-        return {named[name]: _plain(value, unit, name) for name, value in part.items()}
+        keys = {name: f"{name}m" if _in_metres(name, unit) else name for name in part}
+        return {keys[name]: _plain(value, unit, name) for name, value in part.items()}
     is_number = isinstance(part, int | float) and not isinstance(part, bool)
     return unit * part if is_number and _in_metres(key, unit) else part
 
@@ -526,14 +526,14 @@ def read_truth(path: Path, measured: HexaSlideMeasurements) -> HexaSlideMachine:
     return truth.machine
 
 
-def _read(path: Path, kind: type[D], what: str) -> D:
-    text = read_text(path, what)
+def _read(path: Path, kind: type[D], subject: str) -> D:
+    text = read_text(path, subject)
     try:
         return kind.model_validate_json(text)
     except ValidationError as problem:
         fault = NUMBER_OF_POSTURE.sub(lambda at: f"posture {int(at[1]) + 1}", describe(problem))
         requirement = "a whole file as glidecal simulate --machine hexaslide writes it"
-        raise RecordError(f"{what} {path}", reason=fault, allowed=requirement) from problem
+        raise RecordError(f"{subject} {path}", reason=fault, allowed=requirement) from problem
 
 
 def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> HexaSlideMachine:

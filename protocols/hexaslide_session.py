@@ -110,16 +110,16 @@ def procedure_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in PROCEDURES.glob("*.toml")))
 
 
-def load_posture_procedure(named: str, posture_file: Path | None = None) -> PostureProcedure:
+def load_posture_procedure(source: str, posture_file: Path | None = None) -> PostureProcedure:
     """A procedure by name or file, in the postures of a table where one is given.
 
     Raises UsageError for a name, RecordError for a file.
     """
-    path = Path(named)
-    if named in procedure_names():
-        path = PROCEDURES / f"{named}.toml"
+    path = Path(source)
+    if source in procedure_names():
+        path = PROCEDURES / f"{source}.toml"
     elif not path.suffix:
-        raise UsageError("procedure", repr(named), f"{', '.join(procedure_names())}, or a file")
+        raise UsageError("procedure", repr(source), f"{', '.join(procedure_names())}, or a file")
     procedure = read_toml(path, PostureProcedure, "procedure file")
     return (
         procedure if posture_file is None else procedure.with_postures(load_postures(posture_file))
@@ -235,8 +235,8 @@ class SimulatedPostures:
         """
         planned, procedure = self._asked, self._asked.procedure.whole()
         where = planned.procedure.in_metres()[posture - 1]
-        sent = np.array(planned.of(posture)) / 1000.0
-        sliders, values = self._machine.read(where, sent, posture, attempt, self._noise)
+        target_m = np.array(planned.of(posture)) / 1000.0
+        sliders, values = self._machine.read(where, target_m, posture, attempt, self._noise)
         angular = np.array([name in ANGLES for name in procedure.measured], dtype=bool)
         values_shown = np.where(angular, np.degrees(values), 1000.0 * values)
         numbers = [*(1000.0 * sliders if holds(procedure) else []), *values_shown]

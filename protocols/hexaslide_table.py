@@ -51,12 +51,12 @@ def empty_table(planned: PostureCommands) -> str:
     units = ["", *["mm"] * CHAINS, *("deg" if name in ANGLES else "mm" for name in names)]
     rows = [["posture", *SLIDERS, *names], units]
     for number in range(1, len(planned.procedure.postures) + 1):
-        sent = (
+        cells = (
             [""] * CHAINS
             if holds(procedure)
             else [f"{slider_mm:.4f}" for slider_mm in planned.of(number)]
         )
-        rows.append([str(number), *sent, *[""] * len(names)])
+        rows.append([str(number), *cells, *[""] * len(names)])
     return csv_text(rows)
 
 

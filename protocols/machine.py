@@ -284,8 +284,8 @@ class Machine(Document):
         if steps is None:
             return self
         if not min(steps) > 0.0:
-            shown = ", ".join(f"{one:g}" for one in steps)
-            raise UsageError("steps of towers x, y, z", shown, "three numbers above 0")
+            step_words = ", ".join(f"{step:g}" for step in steps)
+            raise UsageError("steps of towers x, y, z", step_words, "three numbers above 0")
         return self.model_copy(update={"rotation_distance_mm": steps, "steps_per_mm": steps})
 
     def tolerances_mm(self) -> FloatArray:
@@ -366,7 +366,7 @@ def machine_text(machine: Machine, comments: Iterable[str]) -> str:
         if isinstance(value, dict):
             tables.append((f"[{key}]", value))
         elif several:
-            tables += [(f"[[{key}]]", one) for one in value]
+            tables += [(f"[[{key}]]", entry) for entry in value]
         else:
             lines.append(f"{key} = {json.dumps(value)}")
     for heading, table in tables:

@@ -119,8 +119,8 @@ def _effect_of(
             return unnamed
         value = ", ".join(dict.fromkeys(parameter_names)) or "none"
         raise RecordError(f"{subject}, parameters of {EMPIRICAL}", value, ", ".join(BASES))
-    every = (*effects, *BESIDE_CATALOGUE, *OF_MODELS)
-    candidates = (*effects_of(every, geometry), *effects)
+    all_effects = (*effects, *BESIDE_CATALOGUE, *OF_MODELS)
+    candidates = (*effects_of(all_effects, geometry), *effects)
     variants = [effect for effect in candidates if effect.id == entry.id]
     if not variants:
         raise RecordError(
@@ -250,7 +250,7 @@ def to_model(model: ModelFile, subject: str, effects: Sequence[Effect] = CATALOG
             raise RecordError(f"{subject}, {name}", f"{value:g} mm", requirement)
     values = tuple(model.parameters_mm.get(name, 0.0) for name in PARAMETER_NAMES)
     placed = [placed_effects(entry, effects, geometry, subject) for entry in model.effects]
-    return Model(geometry, values, tuple(effect for each in placed for effect in each))
+    return Model(geometry, values, tuple(effect for effects in placed for effect in effects))
 
 
 def sizes_of(model: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> tuple[Size, ...]:

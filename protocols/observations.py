@@ -169,12 +169,12 @@ def measured_distances(session: Session) -> Distances:
     """Distances between marks as arrays, mm."""
     from calib.posterior.distances import Distances  # the effects come with it
 
-    every = session.distances
+    distances = session.distances
     return Distances(
-        np.array([one.from_mm for one in every]).reshape(-1, 3),
-        np.array([one.to_mm for one in every]).reshape(-1, 3),
-        np.array([one.value_mm for one in every]),
-        np.array([one.deviation_mm for one in every]),
+        np.array([distance.from_mm for distance in distances]).reshape(-1, 3),
+        np.array([distance.to_mm for distance in distances]).reshape(-1, 3),
+        np.array([distance.value_mm for distance in distances]),
+        np.array([distance.deviation_mm for distance in distances]),
     )
 
 
@@ -379,8 +379,8 @@ def corrected_readings(session: Session, cleaned: CleanedReadings) -> Iterator[R
         position_mm: Triple | None = None
         if tool:  # that of a contact is in the arrays with those of its repeats
             x, y, z = cleaned_rows.position_mm[k].tolist()
-            same = np.array_equal(cleaned_rows.position_mm[k], observed.position_mm[k])
-            position_mm = reading.position_mm if same else (x, y, z)
+            is_same = np.array_equal(cleaned_rows.position_mm[k], observed.position_mm[k])
+            position_mm = reading.position_mm if is_same else (x, y, z)
         mount = mounts[int(cleaned_rows.mount[k])]
         now: dict[str, Any] = {
             "value_mm": float(values[k]),

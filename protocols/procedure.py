@@ -211,8 +211,10 @@ class Procedure(Document):
             return tuple(instruments)
         along = self.plane.axes if self.plane else (self.plate.axis,) if self.plate else ()
         axes = [instrument.axes for instrument in instruments]
-        used = {self._reading_along(axis, axes) for axis in along}
-        return tuple(instrument for number, instrument in enumerate(instruments) if number in used)
+        numbers = {self._reading_along(axis, axes) for axis in along}
+        return tuple(
+            instrument for number, instrument in enumerate(instruments) if number in numbers
+        )
 
     def _reading_along(self, axis: str, axes: Sequence[str]) -> int:
         """Number of the first indicator that may measure along an axis."""
@@ -286,10 +288,13 @@ class Procedure(Document):
                 "plate-rings is one.",
             )
         low, high = geometry.travel_min_mm, geometry.travel_max_mm
-        what, requirement = "level", f"the joint limits {low:g} … {high:g} mm"
+        coordinate, requirement = "level", f"the joint limits {low:g} … {high:g} mm"
         wrong: Iterator[tuple[Key, str]]
         if self.plate is not None:
-            what, requirement = "position", f"a position that the bars reach within {requirement}"
+            coordinate, requirement = (
+                "position",
+                f"a position that the bars reach within {requirement}",
+            )
             outside = (place for place in self.plate.places_mm() if not may_stand(geometry, place))
             wrong = ((("plate",), position_words(place)) for place in outside)
         else:
@@ -311,8 +316,10 @@ class Procedure(Document):
                     if not geometry.goes(leg, _displacement(level, geometry))
                 )
         for key, value in wrong:
-            next_step = f"Change the {what}, or the limits in the machine file."
-            raise RecordError(f"{self._where(path, key)}, {what}", value, requirement, next_step)
+            next_step = f"Change the {coordinate}, or the limits in the machine file."
+            raise RecordError(
+                f"{self._where(path, key)}, {coordinate}", value, requirement, next_step
+            )
 
     def check_bars(self, geometry: Geometry, path: Path | None = None) -> None:
         """Raises RecordError for the first touched point off the usable part of its bar.
@@ -551,8 +558,8 @@ def load_procedure(name: str, geometry: Geometry, printable_mm: float | None = N
 
 def procedure_on(machine: Machine, name: str | None = None) -> Procedure:
     """The procedure of that name on a machine, None: its usual one; as `load_procedure`."""
-    named = name or machine.usual_procedure
-    return load_procedure(named, machine.geometry(), machine.printable_radius_mm)
+    procedure_name = name or machine.usual_procedure
+    return load_procedure(procedure_name, machine.geometry(), machine.printable_radius_mm)
 
 
 def shuffled(procedure: Procedure, seed: int) -> Procedure:

@@ -202,7 +202,7 @@ class _Operator(LinuxCnc):
     """Who switches on and homes: glidecal never does, nor does its driver."""
 
     def prepare(self) -> None:
-        for setting, what, value in (
+        for setting, name, value in (
             ("estop off", "estop", "OFF"),
             ("machine on", "machine", "ON"),
             ("mode manual", "mode", "MANUAL"),
@@ -210,9 +210,9 @@ class _Operator(LinuxCnc):
         ):
             self._set(setting, ACCEPT_S)
             end_s = time.monotonic() + START_S
-            while (answer := self._get(what)) != value:
+            while (answer := self._get(name)) != value:
                 if time.monotonic() > end_s:
-                    raise MotionError(f"LinuxCNC, {what}", answer, value, OTHERWISE)
+                    raise MotionError(f"LinuxCNC, {name}", answer, value, OTHERWISE)
                 time.sleep(0.05)
         self.ready()
 

@@ -502,7 +502,7 @@ class MotionLine:
 
     def _watch(self) -> None:
         """Beats for the guard while all live; a stop where one does not."""
-        last_s, sent, silent = time.monotonic(), REST, False
+        last_s, last_word, silent = time.monotonic(), REST, False
         while not self._closing:
             time.sleep(BEAT_S)
             now_s = time.monotonic()
@@ -512,11 +512,11 @@ class MotionLine:
                 word = HOMING if getattr(self.controller, "homing", False) else BEAT
                 if not silent:
                     self.tell_guard(word)
-                    sent = word
+                    last_word = word
                 if self.not_stopped:
                     self.listener()
-            elif sent != REST:
-                self.tell_guard(sent := REST)
+            elif last_word != REST:
+                self.tell_guard(last_word := REST)
             if not self._owner_lives and not self._closing:
                 self._revive()
 

@@ -267,10 +267,10 @@ class LinuxCncTwin:
             case ["GET", name] if client.linked:
                 return self._got(client, name.lower())
             case ["SET", name] if client.linked:
-                done = self._set(client, name.lower(), fields[2:])
-                if done and not client.verbose:
+                is_set = self._set(client, name.lower(), fields[2:])
+                if is_set and not client.verbose:
                     return ""
-                return f"SET {name} {'ACK' if done else 'NAK'}\n\r"
+                return f"SET {name} {'ACK' if is_set else 'NAK'}\n\r"
         return "SET NAK\r\n" if fields and fields[0].upper() == "SET" else ""
 
     def _got(self, client: Client, name: str) -> str:

@@ -32,13 +32,13 @@ PREFIX = re.compile(
 """What hosts and firmware write before a line: date and time, the sender, ``echo:``."""
 
 
-def read_printed(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:
+def read_printed(path: Path, subject: str, most_bytes: int = MOST_BYTES) -> str:
     """The text of a file from a host or an editor, line breaks as ``\\n``.
 
     It is UTF-8, or UTF-16 with its mark, or else of a code page: what matters is ASCII in all of
     them, and any byte has a letter in latin-1. Raises as `read_bytes`.
     """
-    content = read_bytes(path, what, most_bytes)
+    content = read_bytes(path, subject, most_bytes)
     wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
         text = content.decode("utf-16" if wide else "utf-8-sig")
@@ -77,7 +77,7 @@ class CodeLine:
         return numbers[0]
 
 
-def commands(texts: Texts, *wanted: str) -> Iterator[CodeLine]:
+def commands(texts: Texts, *codes: str) -> Iterator[CodeLine]:
     """The lines of these commands in the order of the files; comments and all else are left.
 
     Letters may be small, and stand with or without spaces, as firmware takes them. Raises
@@ -87,7 +87,7 @@ def commands(texts: Texts, *wanted: str) -> Iterator[CodeLine]:
         for number, raw in enumerate(text.splitlines(), start=1):
             plain = PREFIX.sub("", IN_BRACKETS.sub("", raw.split(";", 1)[0])).strip()
             match = COMMAND.fullmatch(plain.upper())
-            if match is None or match[1] not in wanted:
+            if match is None or match[1] not in codes:
                 continue
             if not WORDS.fullmatch(match[2]):
                 raise RecordError(

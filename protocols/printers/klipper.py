@@ -157,11 +157,11 @@ class Config:
         self, section: str, key: str, usual: float | None = None, *, above: float | None = None
     ) -> float:
         """A finite number. Raises RecordError where it is missing, no number, or not above."""
-        what = f"{WHAT} {self.path}, [{section}] {key}"
+        subject = f"{WHAT} {self.path}, [{section}] {key}"
         text = self.text(section, key)
         if text is None:
             if usual is None:
-                raise RecordError(what, "nothing", "a number", "Add it as the printer has it.")
+                raise RecordError(subject, "nothing", "a number", "Add it as the printer has it.")
             return usual
         try:
             value = float(text)
@@ -169,7 +169,7 @@ class Config:
             value = math.nan
         if not math.isfinite(value) or (above is not None and value <= above):
             limit = "" if above is None else f" above {above:g}"
-            raise RecordError(what, repr(text), f"a finite number{limit}")
+            raise RecordError(subject, repr(text), f"a finite number{limit}")
         return value
 
     def text(self, section: str, key: str) -> str | None:
@@ -283,17 +283,17 @@ def _measured(
 ) -> tuple[tuple[Contact, ...], tuple[Measured, ...]]:
     """Contacts and distances of the saved block; what is not used of it goes to ``odd``."""
     keys = config.keys(CALIBRATION)
-    used: set[str] = set()
+    keys_of_contacts: set[str] = set()
     contacts, distances = [], []
     for name in ("height", "manual_height"):
         for key in _numbered(config, name, ("_pos",)):
-            used |= {key, f"{key}_pos"}
+            keys_of_contacts |= {key, f"{key}_pos"}
             contacts.append(_contact(config, printer, step_mm, key))
     for key in _numbered(config, "distance", ("_pos1", "_pos2")):
-        used |= {key, f"{key}_pos1", f"{key}_pos2"}
+        keys_of_contacts |= {key, f"{key}_pos1", f"{key}_pos2"}
         distances.append(_distance(config, printer, step_mm, key))
     for key in keys:
-        if key not in used and key not in KNOWN:
+        if key not in keys_of_contacts and key not in KNOWN:
             match = OF_CALIBRATION.match(key)
             why = "a number before it is missing" if match else "not known"
             odd.append(f"[{CALIBRATION}] {key}: {why}")

@@ -68,11 +68,11 @@ def held(texts: Texts) -> Held:
     odd: list[str] = []
     printer = _printer(texts, odd)
     offset = dict.fromkeys(TOWERS, 0.0)
-    shown: set[str] = set()
+    letters: set[str] = set()
     for line in commands(texts, "M851"):
         offset |= {letter: line.value(letter, offset[letter]) for letter in TOWERS}
-        shown |= line.words.keys()
-    if shown == {"Z"} and any(ANSWER.search(text) for _, text in texts):
+        letters |= line.words.keys()
+    if letters == {"Z"} and any(ANSWER.search(text) for _, text in texts):
         odd.append(
             "the probe's offset in X and Y, which M851 of older programs does not show: places of "
             "G30 are taken as the tool's, add a line M851 X Y if the probe is beside it"

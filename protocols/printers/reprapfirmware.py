@@ -93,12 +93,12 @@ def _in_order(texts: Texts) -> Texts:
     def turn(text: str) -> int:
         return 1 if SAVED in text else 2 * bool(PROBES.search(text))
 
-    return sorted(texts, key=lambda each: turn(each[1]))
+    return sorted(texts, key=lambda file: turn(file[1]))
 
 
 def _as_started(texts: Texts, odd: list[str]) -> Texts:
     """Files without what M500 saved where the configuration has no M501, which reads it."""
-    configured = [each for each in texts if SAVED not in each[1]]
+    configured = [file for file in texts if SAVED not in file[1]]
     if not any(commands(configured, "M665")) or any(commands(configured, "M501")):
         return texts
     odd += [
@@ -126,8 +126,8 @@ def _with_numbers(texts: Texts) -> Texts:
 
 def _answers(texts: Texts) -> Iterator[tuple[str, str]]:
     """Every line as `lines`, the oldest first: the console of the web interface has it last."""
-    for each in texts:
-        listed = list(lines([each]))
+    for file in texts:
+        listed = list(lines([file]))
         times = [
             (int(hour) % (12 if half else 24) + 12 * (half == "P"), int(minute), int(second))
             for _, text in listed

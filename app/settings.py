@@ -58,9 +58,9 @@ def _flat(table: dict[str, Any], before: str = "") -> list[tuple[str, object]]:
 
 def settings_path() -> Path:
     """The settings file; it need not exist."""
-    named = os.environ.get(FILE_VARIABLE)
-    if named:
-        return Path(named)
+    file = os.environ.get(FILE_VARIABLE)
+    if file:
+        return Path(file)
     from platformdirs import user_config_path
 
     return user_config_path("glidecal", appauthor=False) / "settings.toml"
@@ -146,18 +146,18 @@ def check_keys(
     path: Path,
     settings: Settings,
     places: Sequence[Sequence[BoundKey]],
-    named: Collection[str],
+    names: Collection[str],
 ) -> None:
     """Whether every id is one of these, every key one that a terminal can send, and free.
 
-    ``named`` are the names of keys. Raises as `check_theme`.
+    ``names`` are the names of keys. Raises as `check_theme`.
     """
     ids = {bound.id for place in places for bound in place if bound.id}
     for key_id, keys in settings.keys.items():
         if key_id not in ids:
             raise _fault(path, ("keys", key_id), "an unknown id", IDS_ALLOWED)
         for key in split(keys):
-            if not _is_key(key, named):
+            if not _is_key(key, names):
                 raise _fault(path, ("keys", key_id), f"key {key!r}", KEYS_ALLOWED)
     for place in places:
         for key_id, key, beside in _clashes(settings.keys, place):
@@ -171,24 +171,22 @@ def _fault(path: Path, location: tuple[str, ...], problem: str, allowed: str) ->
     return RecordError(f"{WHAT} {path}{where}, {' '.join(location)}", problem, allowed)
 
 
-def _is_key(key: str, named: Collection[str]) -> bool:
+def _is_key(key: str, names: Collection[str]) -> bool:
     *modifiers, last = key.split("+") if len(key) > 1 else [key]
-    plain = (len(last) == 1 and last.isprintable() and not last.isspace()) or last in named
-    return key in named or (plain and all(m in MODIFIERS for m in modifiers))
+    plain = (len(last) == 1 and last.isprintable() and not last.isspace()) or last in names
+    return key in names or (plain and all(m in MODIFIERS for m in modifiers))
 
 
-def _clashes(
-    chosen: Mapping[str, str], place: Sequence[BoundKey]
-) -> Iterator[tuple[str, str, str]]:
+def _clashes(keys: Mapping[str, str], place: Sequence[BoundKey]) -> Iterator[tuple[str, str, str]]:
     """Id, key and the other key's name, wherever a chosen key does two things on one screen."""
-    used: dict[str, BoundKey] = {}
+    bound_keys: dict[str, BoundKey] = {}
     usual = {(bound.key, bound.id) for bound in place}
     for bound in place:
-        for key in split(chosen.get(bound.id, bound.key)):
-            earlier = used.setdefault(key, bound)
+        for key in split(keys.get(bound.id, bound.key)):
+            earlier = bound_keys.setdefault(key, bound)
             if earlier.action == bound.action or earlier.name == bound.name:
                 continue
             pair = (bound.name, earlier.name), (earlier.name, bound.name)
-            moved = [names for names in pair if names[0] in chosen and (key, names[0]) not in usual]
+            moved = [names for names in pair if names[0] in keys and (key, names[0]) not in usual]
             if moved:
                 yield moved[0][0], key, moved[0][1]

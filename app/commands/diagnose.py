@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def _of_own_form(
-    context: typer.Context, sessions: list[Path], asked: Diagnosing, *, as_json: bool
+    context: typer.Context, sessions: list[Path], request: Diagnosing, *, as_json: bool
 ) -> bool:
     """Whether these are sessions of another form, then told. Raises UsageError for options."""
     verbs = family_of_files(None, sessions).sessions
@@ -40,11 +40,11 @@ def _of_own_form(
         raise UsageError(wrong, f"session {sessions[0]}", "sessions of indicators on legs")
     if len(sessions) > 1:
         raise UsageError("diagnose", f"{len(sessions)} sessions", "one of this kind of machine")
-    if asked.candidate and not asked.adopt:
+    if request.candidate and not request.adopt:
         raise UsageError("--candidate", "no --adopt", "--adopt with the model to write")
-    is_extended = asked.adopt == asked.model
-    may = is_extended or may_replace(asked.replace, asked.adopt)
-    answer = verbs.diagnosed(sessions[0], replace(asked, replace=may), say)
+    is_extended = request.adopt == request.model
+    may = is_extended or may_replace(request.replace, request.adopt)
+    answer = verbs.diagnosed(sessions[0], replace(request, replace=may), say)
     typer.echo(answer.shown(as_json=as_json))
     return True
 
@@ -87,8 +87,8 @@ def diagnose(
     as_json: AsJson = False,
 ) -> None:
     """What is missing in the model, and where it shows. The gap before and after."""
-    asked = Diagnosing(model, adopt, candidate, force)
-    if sessions and _of_own_form(context, sessions, asked, as_json=as_json):
+    request = Diagnosing(model, adopt, candidate, force)
+    if sessions and _of_own_form(context, sessions, request, as_json=as_json):
         return
     from app.evaluating import diagnosis as evaluated
     from app.evaluating.diagnosis import diagnose_files

@@ -136,17 +136,17 @@ def run(
     if motion is not None:
         check_controller(motion)
     machine_known = load_machine(machine)
-    chosen = choose_indicators(
+    instruments = choose_indicators(
         indicator or (), port or (), profile, machine=machine_known, simulated=simulated
     )
     if resume:
         is_whole = until is not None and read_record(resume).end == "closed"
-        plan = plan_to_continue(resume, chosen, whole=is_whole)
+        plan = plan_to_continue(resume, instruments, whole=is_whole)
         plan = replace(plan, motion=motion, prove=prove)
-        measured_until(plan, until, headless=headless, done=is_whole)
+        measured_until(plan, until, headless=headless, is_complete=is_whole)
         return
-    named = protocol or procedure_of(machine_known, moving=motion is not None)
-    procedure = procedure_on(machine_known, named)
+    procedure_name = protocol or procedure_of(machine_known, moving=motion is not None)
+    procedure = procedure_on(machine_known, procedure_name)
     if random_order is not None:
         procedure = shuffled(procedure, random_order)
     if macro is not None:
@@ -154,14 +154,14 @@ def run(
 
         typer.echo(macros.macro(macro, procedure, machine_known, printable_radius), nl=False)
         return
-    if not (chosen or dry_run):
+    if not (instruments or dry_run):
         allowed = "--indicator PROFILE:PORT, [[indicator]] in the machine file"
         raise UsageError("indicators", "none", allowed)
     plan = Plan(
         path=output or session_name(Path(), procedure.name),
         machine=machine_known,
         procedure=procedure,
-        instruments=chosen or simulated_indicators([profile]),
+        instruments=instruments or simulated_indicators([profile]),
         operator=operator,
         temperature_c=temperature,
         note=note,
@@ -214,8 +214,10 @@ def _all_of_it(plan: Plan) -> str:
     return f"{plan_text(plan)}\n\n{before_measuring_text(*expected)}"
 
 
-def measured_until(plan: Plan, until: float | None, *, headless: bool, done: bool = False) -> None:
-    """A session, if it is not ``done``; then further ones where the machine moves itself.
+def measured_until(
+    plan: Plan, until: float | None, *, headless: bool, is_complete: bool = False
+) -> None:
+    """A session, if it is not complete; then further ones where the machine moves itself.
 
     Raises UsageError where no set-up after set-up can be measured up to the bound ``until``.
     """
@@ -227,7 +229,7 @@ def measured_until(plan: Plan, until: float | None, *, headless: bool, done: boo
     if until is not None and not of_legs:
         expected = f"procedure {plan.procedure.name} on machine {plan.machine.name}"
         raise UsageError("--until", expected, "readings of legs")
-    if not done:
+    if not is_complete:
         measure(plan, headless=headless)
     if plan.motion is None or not of_legs:
         return
@@ -256,11 +258,11 @@ def _go_on(plan: Plan, until: float | None) -> None:
     first, before_mm = plan.path, inf
     while True:
         reach = next_measurement(load_sessions(all_sessions(first))[0]).planner.reach
-        chosen = None if until is None else reach.towards(until, before_mm)
-        say(further_text(reach, plan, until, chosen))
-        if chosen is None:
+        set_up = None if until is None else reach.towards(until, before_mm)
+        say(further_text(reach, plan, until, set_up))
+        if set_up is None:
             return
-        procedure = further_procedure(plan.procedure, chosen)
+        procedure = further_procedure(plan.procedure, set_up)
         plan = replace(plan, path=further_session(first), procedure=procedure, continued=False)
         plan = replace(plan, before=None, verifies=None, note="", prove=False)
         before_mm = reach.bound_mm
@@ -452,20 +454,20 @@ def align(
             raise UsageError(name, "no session", "a session that was measured: align SESSION")
     refuse_beside_continue(context)
     machine_known = load_machine(machine)
-    chosen = choose_indicators(
+    instruments = choose_indicators(
         indicator or (), (), DEFAULT_PROFILE, machine=machine_known, simulated=simulated
     )
     if resume:
-        plan = plan_to_continue(resume, chosen)
+        plan = plan_to_continue(resume, instruments)
     else:
-        if not chosen:
+        if not instruments:
             allowed = "--indicator PROFILE:PORT once or twice, or --simulated"
             raise UsageError("indicators", "none", allowed)
         check_common_zero(machine_known.geometry())
         procedure = procedure_on(machine_known, protocol or "align")
         check_procedure(procedure, machine_known, rail or "x")
         path = output or session_name(Path(), procedure.name)
-        plan = Plan(path, machine_known, procedure, chosen, seed=seed, bench=WATCHED)
+        plan = Plan(path, machine_known, procedure, instruments, seed=seed, bench=WATCHED)
         check_indicators(plan.instruments, legs=bool(procedure.levels))
     otherwise = "a session that was measured: align SESSION"
     measure(aligning(plan, rail or plan.reference or "x"), headless=False, otherwise=otherwise)

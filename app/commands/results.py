@@ -271,9 +271,9 @@ def _check_joints(
         raise UsageError("--steps", f"--format {format_name}", ", ".join(OF_FIRMWARE))
 
 
-def _only(sources: Sequence[Path], what: str) -> Path:
+def _only(sources: Sequence[Path], subject: str) -> Path:
     if len(sources) > 1:
-        raise UsageError("glidecal export", f"{len(sources)} files", f"one session, for {what}")
+        raise UsageError("glidecal export", f"{len(sources)} files", f"one session, for {subject}")
     return sources[0]
 
 

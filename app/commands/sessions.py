@@ -230,10 +230,10 @@ def _taken(
     elif output is not None:
         word = "contacts" if session.of_contacts else "readings"
         yield from (f"glidecal: {caution}" for caution in _cautions(session, word))
-        taken = counted(len(session.all_readings), word.removesuffix("s"))
+        words = counted(len(session.all_readings), word.removesuffix("s"))
         if session.distances:
-            taken += f" and {counted(len(session.distances), 'distance')} between marks"
-        yield f"{taken} written to {output}"
+            words += f" and {counted(len(session.distances), 'distance')} between marks"
+        yield f"{words} written to {output}"
 
 
 def _check_postures(context: typer.Context, name: str, source: list[Path]) -> None:

@@ -132,7 +132,7 @@ def compare_files(
 def _held(machine: Machine) -> tuple[object, ...]:
     """What firmware holds of a machine beside its switches, which limit the travel."""
     geometry = machine.geometry()
-    names = {each.name for each in fields(geometry)} - {"travel_min_mm", "travel_max_mm"}
+    names = {part.name for part in fields(geometry)} - {"travel_min_mm", "travel_max_mm"}
     values = tuple(getattr(geometry, name) for name in sorted(names))
     return *values, machine.rotation_distance_mm, machine.steps_per_mm
 

@@ -101,14 +101,14 @@ class SessionCorrection:
     @property
     def values(self) -> dict[str, EnteredValue]:
         """By name: d_rho of all joints, d_L and sizes of effects where they are not 0."""
-        named = zip(PARAMETER_NAMES, self.model.parameters_mm, strict=True)
-        known: dict[str, tuple[float, float]] = {}
+        parameters_mm = zip(PARAMETER_NAMES, self.model.parameters_mm, strict=True)
+        uncertainties: dict[str, tuple[float, float]] = {}
         if self.uncertainties_mm is not None:
             columns = (column.tolist() for column in self.uncertainties_mm)
-            known = dict(zip(JOINT_OFFSETS, zip(*columns, strict=True), strict=True))
+            uncertainties = dict(zip(JOINT_OFFSETS, zip(*columns, strict=True), strict=True))
         values = {
-            name: EnteredValue(float(mm), "mm", *known.get(name, ()))
-            for name, mm in named
+            name: EnteredValue(float(mm), "mm", *uncertainties.get(name, ()))
+            for name, mm in parameters_mm
             if name in JOINT_OFFSETS or mm
         }
         for effect in self.model.effects:

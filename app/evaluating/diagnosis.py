@@ -121,11 +121,11 @@ class SessionDiagnosis(Tabled):
             RankedSize,
             (
                 RankedSize(
-                    *(named.id, named.where, size.name, size.value, size.standard_uncertainty),
-                    *(size.unit, named.probability, named.gap_rms_after_mm, standing),
+                    *(effect.id, effect.where, size.name, size.value, size.standard_uncertainty),
+                    *(size.unit, effect.probability, effect.gap_rms_after_mm, standing),
                 )
-                for named, standing in ranked
-                for size in named.parameters
+                for effect, standing in ranked
+                for size in effect.parameters
             ),
         )
 
@@ -311,8 +311,8 @@ MOST_OFFERED = 8
 def left_behind(diagnosed: SessionDiagnosis, candidate: str | None) -> bool:
     """Whether adopting this leaves an unnamed effect that could be adopted, too."""
     diagnosis = diagnosed.diagnosis
-    named = any(finding.effects for finding in diagnosis.effects)
-    return candidate is None and named and diagnosis.left_over is not None
+    has_effects = any(finding.effects for finding in diagnosis.effects)
+    return candidate is None and has_effects and diagnosis.left_over is not None
 
 
 def adopt(
@@ -333,7 +333,7 @@ def adopt(
     ``replace``. Raises UsageError where there is nothing to adopt, FilesThere, and RecordError
     where the file cannot be written.
     """
-    chosen = _chosen(diagnosed, candidate)
+    items = _chosen(diagnosed, candidate)
     machine = diagnosed.sessions[-1].opened.machine
     model = read_model_file(known) if known else model_file(diagnosed.model, machine)
     source = Provenance(
@@ -343,8 +343,8 @@ def adopt(
         found=datetime.now(UTC),
         verdict=diagnosed.diagnosis.verdict,
     )
-    doubted = [item for item in chosen if isinstance(item, Finding) and item.indistinguishable_from]
-    for item in chosen:
+    doubted = [item for item in items if isinstance(item, Finding) and item.indistinguishable_from]
+    for item in items:
         sure = source.verdict == "ambiguous" and doubted and item not in doubted
         found_as = source.model_copy(update={"verdict": "explained"}) if sure else source
         why = diagnosed.diagnosis.sentence
@@ -454,19 +454,19 @@ def remove(path: Path, effect: str, why: str) -> ModelFile:
 
 def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding | Contender]:
     diagnosis = diagnosed.diagnosis
-    named: list[Finding | Contender] = [e for e in diagnosis.effects if e.effects]
+    effects: list[Finding | Contender] = [e for e in diagnosis.effects if e.effects]
     unnamed: list[Finding | Contender] = [diagnosis.left_over] if diagnosis.left_over else []
     if candidate is None:
-        if not named and not unnamed:
+        if not effects and not unnamed:
             raise UsageError(
                 "--adopt",
                 f"the verdict '{diagnosis.verdict}' names no effect",
                 "a named effect, or one of the candidates by --candidate ID:WHERE",
             )
-        return named or unnamed
+        return effects or unnamed
     name, _, where = candidate.partition(":")
     if name == EMPIRICAL and unnamed and where in ("", unnamed[0].where):
-        return [*named, *unnamed]
+        return [*effects, *unnamed]
     fitting = [
         choice
         for choice in diagnosis.candidates

@@ -68,7 +68,7 @@ def posture_entry(path: Path, effects: bool) -> PostureEntry:
     try:
         source = session.measurements()
         solved = calibrated(path.name, source, 0.0)
-        named = _named(source) if effects else None
+        causes = _named(source) if effects else None
     except GlidecalError as problem:
         return entry.model_copy(update={"problem": f"{problem}"})
     bound_m, tolerance_mm = solved.platform.bound_m, opened.machine.platform_tolerance_mm
@@ -77,7 +77,7 @@ def posture_entry(path: Path, effects: bool) -> PostureEntry:
             "now_mm": 1000.0 * solved.platform.now.places_rms_m,
             "bound_mm": None if bound_m is None else 1000.0 * bound_m,
             "decision": None if tolerance_mm is None else decided(solved, tolerance_mm),
-            "effects": named,
+            "effects": causes,
             "problem": record.unfinished.removeprefix(f"{path.name}: "),
         }
     )

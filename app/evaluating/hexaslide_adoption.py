@@ -80,10 +80,10 @@ def diagnose_postures(path: Path, model: Path | None = None) -> DiagnosedPosture
     the model of another machine.
     """
     source = measured_in(path)
-    known = None if model is None else read_hexaslide_model(model)
-    effects = () if known is None else effects_of(known, source, f"model {model}")
+    model_file = None if model is None else read_hexaslide_model(model)
+    effects = () if model_file is None else effects_of(model_file, source, f"model {model}")
     models = beside_effects(source, source.readings(), effects)
-    return DiagnosedPostures(path.name, source, models, diagnosis_from(models), known)
+    return DiagnosedPostures(path.name, source, models, diagnosis_from(models), model_file)
 
 
 def adopted(diagnosed: DiagnosedPostures, candidate: str | None) -> Adoption:
@@ -95,11 +95,11 @@ def adopted(diagnosed: DiagnosedPostures, candidate: str | None) -> Adoption:
     names = _chosen(diagnosed, candidate)
     source, nominal = diagnosed.source, diagnosed.source.machine.whole()
     models = models_without_mistakes(source, diagnosed.models)
-    given = models.given(names)
+    with_names = models.given(names)
     before = correction_of(models, nominal)
-    if before is None or not given.entries:
+    if before is None or not with_names.entries:
         raise _refused(diagnosed, "the readings without the mistakes no longer show it")
-    effects = (*models.resized(), *given.sizes_of(names))
+    effects = (*models.resized(), *with_names.sizes_of(names))
     beside = beside_effects(source, models.readings, effects)
     after = correction_of(beside, nominal)
     if after is None:
@@ -114,7 +114,7 @@ def adopted(diagnosed: DiagnosedPostures, candidate: str | None) -> Adoption:
         gap_before=models.mean_square(models.free)[0],
         gap_after=gap_after,
         p_after=p_after,
-        left_out=left_out_gap(given, names),
+        left_out=left_out_gap(with_names, names),
         model=_model(diagnosed, beside, effects),
     )
 
@@ -134,11 +134,11 @@ def _model(
         found=datetime.now(UTC),
         verdict=diagnosed.diagnosis.verdict,
     )
-    known = {(entry.id, entry.where) for entry in model.effects}
+    names = {(entry.id, entry.where) for entry in model.effects}
     why = f"{diagnosed.name}: {diagnosed.diagnosis.verdict}"
     for effect in effects:
         entry = _entry(effect, beside, provenance)
-        if (effect.id, effect.where) not in known:
+        if (effect.id, effect.where) not in names:
             model = with_effect(model, entry, why)
         elif not effect.held:
             model = with_sizes(model, entry, f"{why}; fitted again")
@@ -201,18 +201,20 @@ def _chosen(diagnosed: DiagnosedPostures, candidate: str | None) -> Names:
             "an effect that the readings show",
         )
     if candidate is None:
-        named = tuple(cause for claim in diagnosis.named for cause in claim.causes)
-        effects = tuple(cause for cause in named if cause[0] != MISTAKE)
+        named_causes = tuple(cause for claim in diagnosis.named for cause in claim.causes)
+        effects = tuple(cause for cause in named_causes if cause[0] != MISTAKE)
         if effects:
             return effects
-        mistakes = ", ".join(where for cause, where in named if cause == MISTAKE)
+        mistakes = ", ".join(where for cause, where in named_causes if cause == MISTAKE)
         verdict = f"the verdict '{diagnosis.verdict}' names no effect"
-        raise _refused(diagnosed, f"{verdict}, but a mistake: {mistakes}" if named else verdict)
+        raise _refused(
+            diagnosed, f"{verdict}, but a mistake: {mistakes}" if named_causes else verdict
+        )
     fitting = [name for name in likely if _is_meant(candidate, name)]
     if fitting and likely[fitting[0]] >= OPEN:
         return (fitting[0],)
-    known = {(effect.id, effect.where) for effect in diagnosed.models.adopted}
-    if any(_is_meant(candidate, name) for name in known):
+    adopted_names = {(effect.id, effect.where) for effect in diagnosed.models.adopted}
+    if any(_is_meant(candidate, name) for name in adopted_names):
         raise UsageError("--candidate", candidate, "an effect that the model does not have yet")
     causes = {(cause.id, cause.where) for cause in diagnosed.models.causes}
     of_mistake = any(_is_meant(candidate, name) for name in causes if name[0] == MISTAKE)

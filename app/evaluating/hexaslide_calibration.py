@@ -113,10 +113,10 @@ def calibrated_for(
         models = _weighed(source, readings, effects)
     adopted = () if models is None else models.resized()
     readings = with_effects(readings, nominal, _lead_m(source), adopted)
-    each = [checked_calibration(readings, nominal, true, share) for share in shares]
+    calibrations = [checked_calibration(readings, nominal, true, share) for share in shares]
     common = None if models is None else correction_of(models, nominal)
     machines = []
-    for checked in each:
+    for checked in calibrations:
         correction = common
         if correction is None:
             full = checked.found if checked.held_out is None else calibrate(readings, nominal)
@@ -300,7 +300,7 @@ def verify_sessions(before: Path, after: Path, tolerance_mm: float | None) -> Ve
     check_tolerance(tolerance_mm)
     pairs = zip((before, after), sources_of_one_machine(before, after), strict=True)
     earlier, later = (calibrated(path.name, source, 0.0) for path, source in pairs)
-    stated = (each.source.machine.platform_tolerance_mm for each in (later, earlier))
+    stated = (session.source.machine.platform_tolerance_mm for session in (later, earlier))
     tolerance = tolerance_mm or next(filter(None, stated), None)
     decision = None if tolerance is None else decided(later, tolerance)
     is_same = earlier.source.machine == later.source.machine

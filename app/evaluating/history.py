@@ -152,20 +152,22 @@ class History:
         names = [(past.machine, past.origin) for past in self.all_machines]
         return self.of_number(next((k for k, name in enumerate(names) if name in before), 0))
 
-    def only(self, which: str) -> History:
+    def only(self, name: str) -> History:
         """Those with this name, serial number or both, as `Machine.title` has them.
 
         Raises UsageError where there is none.
         """
-        chosen = replace(
+        subset = replace(
             self,
-            machines=tuple(past for past in self.machines if which in _names(past)),
-            of_postures=tuple(past for past in self.of_postures if past.machine == which),
+            machines=tuple(past for past in self.machines if name in _names(past)),
+            of_postures=tuple(past for past in self.of_postures if past.machine == name),
         )
-        if not chosen.all_machines:
-            known = ", ".join(dict.fromkeys(past.machine for past in self.all_machines))
-            raise UsageError("--machine", f"no sessions of {which!r}", known or "none has sessions")
-        return chosen
+        if not subset.all_machines:
+            allowed = ", ".join(dict.fromkeys(past.machine for past in self.all_machines))
+            raise UsageError(
+                "--machine", f"no sessions of {name!r}", allowed or "none has sessions"
+            )
+        return subset
 
 
 def _names(past: MachineHistory) -> tuple[str | None, ...]:
@@ -341,7 +343,7 @@ def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
     )
     try:
         entered = correct_session(session)
-        named = _named(session) if effects else None
+        names = _named(session) if effects else None
     except GlidecalError as problem:
         return entry.model_copy(update={"problem": f"{problem}"})
     assert entered.uncertainties_mm is not None  # of joint offsets alone
@@ -359,7 +361,7 @@ def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
             "bound_before_mm": entered.now_mm,
             "bound_after_mm": entered.bound_mm,
             "decision": decision,
-            "effects": named,
+            "effects": names,
             "problem": record.unfinished.removeprefix(f"{path.name}: "),
         }
     )
@@ -379,14 +381,14 @@ def history_of_machine(
     points = in_turn(entries, _event)
     ordered = [point.entry for point in points]
     days = [(entry.began - ordered[0].began).total_seconds() / DAY_S for entry in ordered]
-    known = days if all(entry.dated for entry in ordered) else [0.0] * len(days)  # no drift of it
+    times = days if all(entry.dated for entry in ordered) else [0.0] * len(days)  # no drift of it
     rebuilt = [point.event.startswith((FILE_CHANGED, MECHANICAL)) for point in points]
     columns = zip(
         zip(*(entry.offsets_mm or () for entry in ordered), strict=True),
         zip(*(entry.expanded_mm or () for entry in ordered), strict=True),
         strict=True,
     )
-    joints = tuple(watch(known, values, expanded, rebuilt) for values, expanded in columns)
+    joints = tuple(watch(times, values, expanded, rebuilt) for values, expanded in columns)
     return MachineHistory(name, origin, points, tuple(days), joints, _due(ordered[-1], joints))
 
 

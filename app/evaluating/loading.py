@@ -23,13 +23,13 @@ def measured_first(session: Record | Session) -> tuple[datetime, datetime, str]:
     return measured_at(session.opened), session.opened.at, session.digest
 
 
-def refuse_twice(named: Sequence[tuple[object, Session]]) -> None:
+def refuse_twice(sessions: Sequence[tuple[object, Session]]) -> None:
     """One session, or one table that was imported twice: its readings would count double.
 
     Raises RecordError with their names.
     """
     name_by_content: dict[object, object] = {}
-    for name, session in named if len(named) > 1 else ():
+    for name, session in sessions if len(sessions) > 1 else ():
         table = tuple((r.leg, r.axis, r.posture_mm, r.text, r.mount) for r in session.readings)
         contents: list[tuple[object, str]] = [
             (session.digest or id(session), "the same session twice")

@@ -47,9 +47,9 @@ def known_effects() -> tuple[Effect, ...]:
 
 def effects_folder() -> Path:
     """The folder of own effects; it need not exist."""
-    named = os.environ.get(FOLDER_VARIABLE)
-    if named:
-        return Path(named)
+    folder = os.environ.get(FOLDER_VARIABLE)
+    if folder:
+        return Path(folder)
     from platformdirs import user_data_path
 
     return user_data_path("glidecal", appauthor=False) / "effects"

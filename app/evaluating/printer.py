@@ -36,14 +36,14 @@ def drives_of_towers(
 
     stand = Towers.of(machine.geometry())
     apart = stand.apart_deg(angles_deg)
-    named = machine.joints or tuple(LEG_NAMES[row.index(min(row))] for row in apart)
-    drives = [LEG_NAMES.index(name[-1]) for name in named]
+    names = machine.joints or tuple(LEG_NAMES[row.index(min(row))] for row in apart)
+    drives = [LEG_NAMES.index(name[-1]) for name in names]
     far = max(row[drive] for row, drive in zip(apart, drives, strict=True))
-    if far > furthest_deg or len(set(drives)) < len(drives) or any("-" in name for name in named):
+    if far > furthest_deg or len(set(drives)) < len(drives) or any("-" in name for name in names):
         places = ", ".join(f"{angle:.2f}" for angle in stand.angle_deg.tolist())
         raise UsageError(
             f"towers of machine '{machine.name}'",
-            f"joints {', '.join(named)}, drives x, y, z at {places}°",
+            f"joints {', '.join(names)}, drives x, y, z at {places}°",
             f"joints that count upwards, at {', '.join(f'{at:g}' for at in angles_deg)}° in their "
             f"order within {furthest_deg:g}°",
             "State joints in the machine file, or use another format.",

@@ -464,14 +464,14 @@ def solve_sessions(
         tolerance_mm=machine.tolerances_mm(),
         sizes=sizes,
     )
-    chosen = subset or choice.usual
+    subset_or_usual = subset or choice.usual
     corrections = ControllerCorrections.of_sessions(sessions, start, frame, free=free)
-    solved = SessionSolution(tuple(sessions), observed, choice, chosen, corrections, holds)
+    solved = SessionSolution(tuple(sessions), observed, choice, subset_or_usual, corrections, holds)
     if model is not None:
         from protocols.model_file import ambiguous_effects, held_sizes
 
         solved = replace(solved, ambiguous=ambiguous_effects(model), held=held_sizes(model))
-    return solved.with_subset(chosen)
+    return solved.with_subset(subset_or_usual)
 
 
 def correct_session(session: Session) -> SessionCorrection:

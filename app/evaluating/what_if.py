@@ -128,7 +128,7 @@ class Trial:
             units=tuple(parameter.unit for parameter in self.entry.parameters.values()),
             first=best or self.values,
             steps=tuple(steps),
-            least=tuple(max(-most, kind.least) for most, kind in zip(far, kinds, strict=True)),
+            least=tuple(max(-limit, kind.least) for limit, kind in zip(far, kinds, strict=True)),
             largest=tuple(far),
             best=best,
             deviations=deviations,
@@ -256,15 +256,15 @@ def what_if(
     if not fitting:
         places = [f"{entry.id}:{entry.where}" for entry in of_it or entries]
         raise UsageError("effect", repr(effect), ", ".join(dict.fromkeys(places)))
-    chosen = next((entry for entry in fitting if len(entry.parameters) == len(values)), None)
-    if chosen is None:
+    model_entry = next((entry for entry in fitting if len(entry.parameters) == len(values)), None)
+    if model_entry is None:
         numbers = " or ".join(sorted({str(len(entry.parameters)) for entry in fitting}))
         raise UsageError(f"values of {effect}", f"{len(values)}", numbers)
-    trial = trial_of(Choice(chosen, "undiagnosed"), sessions, beside, subset)
+    trial = trial_of(Choice(model_entry, "undiagnosed"), sessions, beside, subset)
     for parameter, value in zip(trial.parameters, values, strict=True):
-        most = min(parameter.limit, LARGEST_SIZE)
-        least = max(-most, parameter.least)
-        check_number(f"size of {effect}, {parameter.name}", value, least, most, parameter.unit)
+        limit = min(parameter.limit, LARGEST_SIZE)
+        least = max(-limit, parameter.least)
+        check_number(f"size of {effect}, {parameter.name}", value, least, limit, parameter.unit)
     outcome = trial.at(values)
     outcome.work_out_all()  # what cannot be worked out is said here
     return outcome
@@ -353,17 +353,17 @@ def trial_of(
 
 def _of_the_diagnosis(diagnosis: Diagnosis) -> Iterator[Choice]:
     """What was named, each beside the others; what it left; candidates in the place of all that."""
-    named = [(finding, _entry_of(finding)) for finding in diagnosis.effects if finding.effects]
+    findings = [(finding, _entry_of(finding)) for finding in diagnosis.effects if finding.effects]
     alike: dict[tuple[str, str], tuple[str, ...]] = {}
-    for finding, entry in named:
+    for finding, entry in findings:
         other_entries = tuple(
-            entry_of_other for _, entry_of_other in named if entry_of_other is not entry
+            entry_of_other for _, entry_of_other in findings if entry_of_other is not entry
         )
         rivals = finding.indistinguishable_from
         yield Choice(entry, "named", tuple(f"{r.id} ({r.where})" for r in rivals), other_entries)
         alike |= {(r.id, r.where): (f"{finding.id} ({finding.where})",) for r in rivals}
     if diagnosis.left_over:
-        other_entries = tuple(entry for _, entry in named)
+        other_entries = tuple(entry for _, entry in findings)
         yield Choice(_entry_of(diagnosis.left_over), "unnamed", (), other_entries)
     for rival in diagnosis.candidates:
         if rival.effects and rival.effects[0].effect.kind != Kind.GROSS_ERROR:

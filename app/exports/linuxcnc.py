@@ -110,7 +110,7 @@ def joint_files(offsets: Offsets, *, kinematics: bool) -> Export:
 
     With ``kinematics`` the rest of it stands in a file beside them. Raises as `joint_includes`.
     """
-    controller, written = offsets.controller, {}
+    controller, files = offsets.controller, {}
     _refuse_what_is_not_known(offsets)
     within = list(_within(offsets.model, kinematics=kinematics))
     travels: list[str] = []
@@ -121,9 +121,9 @@ def joint_files(offsets: Offsets, *, kinematics: bool) -> Export:
         moving = list(travel(offsets, moved, entries))
         travels += moving
         comment_lines += [*moving, *within, *offsets.cautions]
-        put = f"put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]"
+        instruction = f"put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]"
         lines = [f"# {line}" for text in comment_lines for line in short_lines(text)]
-        lines.append(f"# {put}; LINEAR_UNITS = {UNITS.get(unit) or f'{1.0 / unit:g}'}")
+        lines.append(f"# {instruction}; LINEAR_UNITS = {UNITS.get(unit) or f'{1.0 / unit:g}'}")
         if joint_now:
             lines.append(
                 f"HOME_OFFSET = {(joint_now.home_offset_mm + entries.home_change_mm) / unit:.6f}"
@@ -133,9 +133,9 @@ def joint_files(offsets: Offsets, *, kinematics: bool) -> Export:
         if entries.table is not None:
             name = f"calib_joint{joint}.comp"
             lines += [f"COMP_FILE = {name}", "COMP_FILE_TYPE = 1"]
-            written[name] = table_text(entries.table, unit)
-        written[f"calib_joint{joint}.inc"] = "\n".join(lines) + "\n"
-    return Export(written, (*dict.fromkeys(travels), *offsets.cautions))
+            files[name] = table_text(entries.table, unit)
+        files[f"calib_joint{joint}.inc"] = "\n".join(lines) + "\n"
+    return Export(files, (*dict.fromkeys(travels), *offsets.cautions))
 
 
 def entries_of(offsets: Offsets) -> list[tuple[DriveJoint, JointEntries]]:

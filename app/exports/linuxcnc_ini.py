@@ -43,11 +43,11 @@ def read_controller(path: Path) -> ControllerJoints:
     joints = tuple(_joint(ini, f"JOINT_{n}", mm_per_unit) for n in range(count))
     # which joint moves which axis, where the kinematics are told
     kinematics = ini.find("KINS", "KINEMATICS") or ""
-    named = re.search(r"\bcoordinates=([a-zA-Z]+)", kinematics)
+    coordinates = re.search(r"\bcoordinates=([a-zA-Z]+)", kinematics)
     return ControllerJoints(
         joints,
         mm_per_unit,
-        axes=named[1].upper() if named else None,
+        axes=coordinates[1].upper() if coordinates else None,
         entered=max(ini.recorded(), default=None),
         source=f"INI file {path}",
         kinematics=next(iter(kinematics.split()), ""),
@@ -179,12 +179,12 @@ def _with_includes(path: Path) -> Iterator[str]:
 
 def _file_name(path: Path, words: str) -> str:
     try:
-        named = " ".join(shlex.split(words, comments=True))
+        name = " ".join(shlex.split(words, comments=True))
     except ValueError as problem:
         raise RecordError(
             f"INI file {path}, {INCLUDE}", repr(words), "the name of a file"
         ) from problem
-    return os.path.expandvars(Path(named).expanduser())
+    return os.path.expandvars(Path(name).expanduser())
 
 
 def _joined(lines: Iterable[str]) -> Iterator[str]:

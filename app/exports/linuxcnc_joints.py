@@ -48,7 +48,7 @@ def joints_of_drives(offsets: Offsets) -> tuple[DriveJoint, ...]:
     RecordError for an INI file that leaves a joint's drive open.
     """
     controller = offsets.controller
-    named = _named(controller, offsets.machine.joints)
+    names = _named(controller, offsets.machine.joints)
     return tuple(
         DriveJoint(
             number,
@@ -56,7 +56,7 @@ def joints_of_drives(offsets: Offsets) -> tuple[DriveJoint, ...]:
             -1 if name[0] == "-" else 1,
             controller.joints[number] if controller else None,
         )
-        for number, name in enumerate(named)
+        for number, name in enumerate(names)
     )
 
 

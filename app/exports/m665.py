@@ -124,7 +124,7 @@ def _held(entry: str, now: Sequence[float], drives: Sequence[int], unit: str = "
 def _export(
     offsets: Offsets,
     values: Entered,
-    put: str,
+    instruction: str,
     controller_words: str,
     drives: Sequence[int],
     lines: list[str],
@@ -135,5 +135,5 @@ def _export(
         controller_words += _held("M92", steps, drives, "steps per mm")
         a_step = values.turns_mm([1.0 / steps_of_tower for steps_of_tower in steps])
         lines = [f"M92 {_words(TOWERS, [1.0 / a_step[drive] for drive in drives])}", *lines]
-    above = [f"; {line}" for line in comments(offsets, values, put, controller_words)]
+    above = [f"; {line}" for line in comments(offsets, values, instruction, controller_words)]
     return Export({"": "\n".join([*above, *lines]) + "\n"}, offsets.cautions)

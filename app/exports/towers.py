@@ -128,7 +128,9 @@ SEEN_MM = 0.005
 """A change of the tool's height from which a file states it, with two decimals."""
 
 
-def comments(offsets: Offsets, values: Entered, put: str, controller_words: str) -> list[str]:
+def comments(
+    offsets: Offsets, values: Entered, instruction: str, controller_words: str
+) -> list[str]:
     """What stands above the values: where they go, what they are for, what they leave, cautions.
 
     First that the plate is to be touched again, and what becomes of the height of the tool there.
@@ -144,7 +146,7 @@ def comments(offsets: Offsets, values: Entered, put: str, controller_words: str)
     lines = [
         f"{TOUCH}; {height_words}",
         *origin(offsets),
-        put,
+        instruction,
         f"made for a controller with {radius}, lengths of the bars "
         f"{_three(now.length_mm)} mm, towers at {_three(now.angle_deg)}°{controller_words}; if it "
         "has others, these values are wrong",
@@ -191,12 +193,12 @@ def printer_cfg(offsets: Offsets) -> Export:
         + (f", rotation_distance {turns[drive]:.6f} mm" if turns and entered_turns else "")
         for name, drive in zip(FIRMWARE_TOWERS, drives, strict=True)
     ]
-    put = (
+    instruction = (
         "put '[include FILE]' with the name of this file at the end of printer.cfg, where it "
         "replaces the lines above and saved values; then home. Later saved calibrations are "
         "refused while it is included"
     )
-    comment_lines = comments(offsets, values, put, "".join(steppers))
+    comment_lines = comments(offsets, values, instruction, "".join(steppers))
     lines = [f"# {line}" for line in comment_lines]
     lines += ["[printer]", f"delta_radius: {float(towers.radius_mm[0]):.6f}"]
     for name, drive in zip(FIRMWARE_TOWERS, drives, strict=True):
@@ -227,10 +229,10 @@ def p_3z(offsets: Offsets) -> Export:
     It has one arm length, x and y of each rail, and the displacement of the tool. Raises UsageError
     where a joint counts downwards, and as `fitted`.
     """
-    named = offsets.machine.joints or tuple(LEG_NAMES)
-    if any("-" in name for name in named):
+    names = offsets.machine.joints or tuple(LEG_NAMES)
+    if any("-" in name for name in names):
         raise UsageError(
-            f"joints of machine '{offsets.machine.name}'", ", ".join(named), "joints that count up"
+            f"joints of machine '{offsets.machine.name}'", ", ".join(names), "joints that count up"
         )
     offsets, values = fitted(offsets, RAILS)
     now, towers = values.now, values.towers
@@ -240,7 +242,7 @@ def p_3z(offsets: Offsets) -> Export:
         rows.append((name, f"{before:z.6f}", f"{after:z.6f}", "mm"))
 
     add("Arm length", float(now.length_mm[0]), float(towers.length_mm[0]))
-    drives = [LEG_NAMES.index(name) for name in named]
+    drives = [LEG_NAMES.index(name) for name in names]
     for axis, drive in enumerate(drives, start=1):
         for across, part in zip("XY", (0, 1), strict=True):
             before, after = now.feet_mm[drive, part], towers.feet_mm[drive, part]
@@ -288,10 +290,10 @@ def joints_and_pins(offsets: Offsets) -> Export:
         one_joint_a_drive(joints_of_drives(offsets), "lineardeltakins")
     of_joints = [LEG_NAMES[drive] for drive in drives]
     if controller.axes:  # by drives, else in the order of the joints already
-        named = [name.lower() for name in controller.axes]
+        axes = [name.lower() for name in controller.axes]
         controller = replace(
             controller,
-            joints=tuple(controller.joints[named.index(name)] for name in of_joints),
+            joints=tuple(controller.joints[axes.index(name)] for name in of_joints),
             axes=None,
         )
     machine = offsets.machine.model_copy(update={"joints": tuple(of_joints)})
@@ -303,7 +305,7 @@ def joints_and_pins(offsets: Offsets) -> Export:
     offsets = _bounded(offsets, values, along)
     told_offsets = replace(offsets, model=tower_model(offsets.model, values.change_mm, along))
     unit = controller.mm_per_unit
-    put = (
+    instruction = (
         "name this file as HALFILE after the one that loads lineardeltakins, and put the includes "
         "of the joints under their headings: neither is right without the other. Then home"
     )
@@ -311,7 +313,7 @@ def joints_and_pins(offsets: Offsets) -> Export:
     comment_lines = comments(
         replace(offsets, model=offsets.model.with_effects(across)),
         values,
-        put,
+        instruction,
         f", HOME_OFFSET {homes} mm of joints 0, 1, 2",
     )
     pins = [

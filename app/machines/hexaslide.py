@@ -134,10 +134,10 @@ PAGES = {"replay": "readings", "diagnose": "diagnosis"}
 """What a choice at home opens of a session, where it is not the result."""
 
 
-def _opened(path: Path, what: str) -> HexaSlideResultScreen:
+def _opened(path: Path, page: str) -> HexaSlideResultScreen:
     from app.screens.hexaslide_result import HexaSlideResultScreen
 
-    return HexaSlideResultScreen(path, PAGES.get(what, ""))
+    return HexaSlideResultScreen(path, PAGES.get(page, ""))
 
 
 LOOK = Look(

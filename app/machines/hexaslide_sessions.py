@@ -146,8 +146,8 @@ def _begun(running: Running, options: RunOptions) -> PosturePlan:
     from app.measuring.hexaslide import INDICATED
     from protocols.hexaslide_session import read_postures, simulated_truth
 
-    named = Path(running.protocol).stem if running.protocol else NAME
-    path = running.output or Path(f"{date.today():%Y-%m-%d}-{named}.jsonl")
+    name = Path(running.protocol).stem if running.protocol else NAME
+    path = running.output or Path(f"{date.today():%Y-%m-%d}-{name}.jsonl")
     plan = _plan(path, running.machine, running.protocol, options.posture_file)
     if len(running.indicators) > 1:
         raise UsageError("--indicator", f"{len(running.indicators)}", "one, in the link")
@@ -172,14 +172,14 @@ def _begun(running: Running, options: RunOptions) -> PosturePlan:
     )
 
 
-def _profile(named: str) -> IndicatorLine:
+def _profile(text: str) -> IndicatorLine:
     """The line of ``PROFILE:PORT``, not open yet. Raises UsageError."""
     from drivers.line import IndicatorLine
     from drivers.profiles import profile_named
 
-    profile, mark, port = named.partition(":")
+    profile, mark, port = text.partition(":")
     if not (mark and port):
-        raise UsageError("--indicator", repr(named), "PROFILE:PORT")
+        raise UsageError("--indicator", repr(text), "PROFILE:PORT")
     return IndicatorLine(profile_named(profile), port)
 
 
@@ -319,18 +319,18 @@ def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Ans
     return answer, verification.decision or "undecided"
 
 
-def diagnosed(path: Path, asked: Diagnosing, say: Say) -> Answer:
+def diagnosed(path: Path, request: Diagnosing, say: Say) -> Answer:
     """What is missing in the model of the machine, and the model with it."""
     from app.evaluating.hexaslide_adoption import adopted, diagnose_postures, write_model
     from app.report.schema.hexaslide_diagnosis import HexaSlideDiagnosisReport, PostureDiagnosis
     from app.report.text.hexaslide_diagnosis import diagnosis_text
 
     with working("Diagnosing"):
-        diagnosis = diagnose_postures(path, asked.model)
-        adoption = adopted(diagnosis, asked.candidate) if asked.adopt else None
-    if adoption is not None and asked.adopt is not None:
-        write_model(adoption, asked.adopt, replace=asked.replace)
-        say(f"model written: {asked.adopt}")
+        diagnosis = diagnose_postures(path, request.model)
+        adoption = adopted(diagnosis, request.candidate) if request.adopt else None
+    if adoption is not None and request.adopt is not None:
+        write_model(adoption, request.adopt, replace=request.replace)
+        say(f"model written: {request.adopt}")
     return Answer(
         lambda: diagnosis_text(diagnosis, adoption),
         lambda: HexaSlideDiagnosisReport.of(PostureDiagnosis(diagnosis, adoption)),

@@ -138,19 +138,19 @@ def may_deliver(output: Path, *, force: bool, several: bool = False) -> bool:
     return may_replace(force, output)
 
 
-def deliver(output: Path, written: Written, *, force: bool) -> None:
+def deliver(output: Path, contents: Written, *, force: bool) -> None:
     """Write the files of a result and say so; one text goes to standard output for ``-o -``.
 
     Raises as `may_replace` and `write_files`.
     """
     from protocols.files import STANDARD_OUTPUT, targets_of, write_files
 
-    text = written.get("")
+    text = contents.get("")
     if output == STANDARD_OUTPUT and isinstance(text, str):
         typer.echo(text, nl=False)
         return
-    may = may_replace(force, *targets_of(output, written))
-    for path in write_files(output, written, replace=may):
+    may = may_replace(force, *targets_of(output, contents))
+    for path in write_files(output, contents, replace=may):
         say(f"written: {path}")
 
 
@@ -174,9 +174,9 @@ def working(words: str, parts_name: str = "") -> Iterator[None]:
     with Progress(*columns, console=Console(file=sys.__stderr__), transient=True) as bar:
         task = bar.add_task(f"{words}, Ctrl-C stops", total=None, far="")
 
-        def show(done: float, parts: int) -> None:
-            far = f"{done:,.0f} of {parts:,} {parts_name}" if parts_name else ""
-            bar.update(task, completed=done, total=parts, far=far)
+        def show(count: float, parts: int) -> None:
+            far = f"{count:,.0f} of {parts:,} {parts_name}" if parts_name else ""
+            bar.update(task, completed=count, total=parts, far=far)
 
         token = on_part.set(show)
         try:
@@ -282,14 +282,14 @@ class Question:
     machine_file: Path | None = None
 
 
-def machine_file_of(machine: str, names: Sequence[str], given: Path | None) -> Path | None:
-    """The file of a machine: ``given``, or what stands where one of the ``names`` may stand.
+def machine_file_of(machine: str, names: Sequence[str], machine_file: Path | None) -> Path | None:
+    """The file of a machine: ``machine_file``, or what stands where one of the ``names`` may stand.
 
     Raises UsageError for two files.
     """
     if machine in names:
-        return given
-    if given is not None:
+        return machine_file
+    if machine_file is not None:
         raise UsageError("--machine-file", f"beside the machine file {machine}", "one machine file")
     return Path(machine)
 

@@ -108,8 +108,8 @@ def family_with(verb: str, name: str | None) -> tuple[Family, Any]:
     if family not in able:
         listed = ", ".join(name_of_family for family in able for name_of_family in family.names)
         allowed = f"{listed}, or the path of a file of such a machine"
-        none = f"There is no glidecal {verb} for a {family.name}."
-        raise UsageError("machine", repr(name), allowed, none)
+        next_step = f"There is no glidecal {verb} for a {family.name}."
+        raise UsageError("machine", repr(name), allowed, next_step)
     return family, getattr(family, verb)
 
 
@@ -145,10 +145,12 @@ class CommandOfMachines(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 (typer's own)
         """As any command; the help, asked for or not, is then of the machine that is named."""
         words = {word for part in args for word in (part, part.partition("=")[2])}
-        named = next((family for family in FAMILIES if words.intersection(family.names)), None)
+        named_family = next(
+            (family for family in FAMILIES if words.intersection(family.names)), None
+        )
         all_options = {name for family in FAMILIES for name in _own(family, self.name or "")}
-        other_options = all_options - _own(named, self.name or "") if named else set()
-        if named is not None and named.sessions is not None:
+        other_options = all_options - _own(named_family, self.name or "") if named_family else set()
+        if named_family is not None and named_family.sessions is not None:
             other_options |= {*OF_INDICATORS.get(self.name or "", ())}
         for option in self.params:
             if isinstance(option, TyperOption):

@@ -122,7 +122,7 @@ def postures(
     machine, like = _asked(question)
     planned = tripod_planning(machine, like, options.noise, minutes)
     with working("Looking for postures"):
-        chosen = optimum_postures(
+        optimum = optimum_postures(
             planned,
             search.count,
             criterion=search.criterion,
@@ -134,11 +134,11 @@ def postures(
             refine=options.refine,
         )
     if search.output:
-        target, written = procedure_files(chosen.orders, like, search.output)
-        may = may_replace(may, *targets_of(target, written))
-        for path in write_files(target, written, replace=may):
+        target, contents = procedure_files(optimum.orders, like, search.output)
+        may = may_replace(may, *targets_of(target, contents))
+        for path in write_files(target, contents, replace=may):
             say(f"procedure written to {path}")
-    return Answer(lambda: postures_text(chosen), lambda: PosturesReport.of(chosen))
+    return Answer(lambda: postures_text(optimum), lambda: PosturesReport.of(optimum))
 
 
 @dataclass(frozen=True)

@@ -98,22 +98,22 @@ class Attended:
 
     async def news(self) -> AsyncIterator[None]:
         """Whenever a picture is due of what indicators and machine tell, one for all of it."""
-        loop, heard = asyncio.get_running_loop(), asyncio.Event()
+        loop, news = asyncio.get_running_loop(), asyncio.Event()
 
         def tell() -> None:  # called in the thread of an indicator
-            if not heard.is_set():  # else the picture that is due shows it, too
+            if not news.is_set():  # else the picture that is due shows it, too
                 with suppress(RuntimeError):  # the loop has ended: nobody looks any more
-                    loop.call_soon_threadsafe(heard.set)
+                    loop.call_soon_threadsafe(news.set)
 
         for gauge in self.guided.gauges:
             gauge.on_news = tell
         if self.guided.mover is not None:
             self.guided.mover.on_news = tell
         while True:
-            await heard.wait()
+            await news.wait()
             idle = time.monotonic() - self._moved_at > IDLE_S
             await asyncio.sleep(IDLE_GATHER_S if idle else GATHER_S)
-            heard.clear()
+            news.clear()
             yield
 
     def live(self, *, busy: bool = False) -> list[Live]:
@@ -156,8 +156,8 @@ class Attended:
 
     def settled(self, states: Sequence[Live]) -> bool:
         """Whether what moved when the key was pressed rests now, once."""
-        rest = all(live.motion is Motion.STABLE for live in states)
-        if not self._anyway_until or not rest or not self.ready_by_hand():
+        at_rest = all(live.motion is Motion.STABLE for live in states)
+        if not self._anyway_until or not at_rest or not self.ready_by_hand():
             return False
         self._anyway_until = 0.0
         return True
@@ -167,8 +167,8 @@ class Attended:
 
         What does not tell of one is returned once for each step.
         """
-        rest = all(live.motion is Motion.STABLE for live in self._of_step(states))
-        if not self.automatic or not rest:
+        at_rest = all(live.motion is Motion.STABLE for live in self._of_step(states))
+        if not self.automatic or not at_rest:
             return None
         step, moved = self.guided.step(), self.guided.moved()
         if step is None or moved is Movement.SEEN:

@@ -206,13 +206,13 @@ class Gauge:
     def live(self) -> Live:
         """The state now; safe from any thread."""
         with self._lock:
-            heard = tuple(self._heard)
+            outcomes = tuple(self._heard)
         now = time.monotonic()
-        if not heard:
+        if not outcomes:
             age_s = now - self._slot if self._latest else 0.0
             return Live(self._latest, age_s, Motion.WAITING, self._trace)
-        at, outcome = heard[-1]
-        motion = self._motion(heard, now)
+        at, outcome = outcomes[-1]
+        motion = self._motion(outcomes, now)
         self._rests = motion in (Motion.STABLE, Motion.FAULT)
         return Live(outcome, now - at, motion, self._trace)
 
@@ -240,16 +240,16 @@ class Gauge:
         middle = (low + high) / 2.0
         return Trace(slots, (middle - self._still_mm / 2.0, middle + self._still_mm / 2.0))
 
-    def _motion(self, heard: Sequence[tuple[float, Outcome]], now: float) -> Motion:
-        at, outcome = heard[-1]
+    def _motion(self, outcomes: Sequence[tuple[float, Outcome]], now: float) -> Motion:
+        at, outcome = outcomes[-1]
         if isinstance(outcome, Fault):
             return Motion.FAULT
         if now - at > self._stale_s:
             return Motion.STALE
-        within = sum(now - moment <= self._window_s for moment, _ in heard)
+        within = sum(now - moment <= self._window_s for moment, _ in outcomes)
         # the one before, too: after a gap two that came at once may still be on their way
-        recent = [o.value_mm for _, o in heard[-within - 1 :] if isinstance(o, IndicatorReading)]
-        covered = now - heard[0][0] >= self._window_s
+        recent = [o.value_mm for _, o in outcomes[-within - 1 :] if isinstance(o, IndicatorReading)]
+        covered = now - outcomes[0][0] >= self._window_s
         several = within >= 2 and len(recent) >= 2
         span_mm = max(recent) - min(recent) if several else math.inf
         if not (covered and span_mm <= self._still_mm):

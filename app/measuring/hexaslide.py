@@ -138,8 +138,8 @@ class PostureTaking:
         try:
             opened = fold_postures(journal.events).opened
             # the postures of the record are held by a link already, and are not held once more
-            sent = commands(opened.machine, opened.procedure).sliders_mm
-            return PostureTaking(journal, PostureCommands(opened.procedure, sent))
+            sliders_mm = commands(opened.machine, opened.procedure).sliders_mm
+            return PostureTaking(journal, PostureCommands(opened.procedure, sliders_mm))
         except BaseException:
             journal.close()
             raise
@@ -243,10 +243,10 @@ class PostureTaking:
         only = self.session.only(reading)
         departure = self._expectation.departure(only)
         if departure is None or departure.is_doubtful:
-            sent = self.asked.sliders_mm / 1000.0
+            sliders_m = self.asked.sliders_mm / 1000.0
             other_readings = [
                 (f"the platform in posture {number}", row)
-                for number, row in enumerate(sent, start=1)
+                for number, row in enumerate(sliders_m, start=1)
                 if number != reading.posture and not holds(self.asked.procedure.whole())
             ]
             return PostureDoubt(

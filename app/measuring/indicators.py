@@ -147,7 +147,7 @@ def port_of(adapter: str, port: str) -> str | None:
     return next((device for device, number in here.items() if number == adapter), None)
 
 
-def ports_to_choose(adapter: str, used: Collection[str]) -> list[tuple[str, str, bool]]:
+def ports_to_choose(adapter: str, ports_in_use: Collection[str]) -> list[tuple[str, str, bool]]:
     """The serial ports that are not used, with what the system says, those of the adapter first.
 
     Each with whether it is that of the adapter.
@@ -156,7 +156,7 @@ def ports_to_choose(adapter: str, used: Collection[str]) -> list[tuple[str, str,
     free = [
         (port, words, bool(adapter) and numbers.get(port) == adapter)
         for port, words in serial_ports()
-        if port not in used
+        if port not in ports_in_use
     ]
     return sorted(free, key=lambda port: not port[2])
 
@@ -309,7 +309,7 @@ def this_computer() -> str:
 
 
 def choose_indicators(
-    named: Sequence[str],
+    texts: Sequence[str],
     ports: Sequence[str],
     profile: str,
     *,
@@ -320,13 +320,13 @@ def choose_indicators(
 
     Empty where neither names any. Raises UsageError.
     """
-    chosen = [parse_indicator(text) for text in named]
-    chosen += [Instrument(profile=profile, port=port) for port in ports]
-    if simulated and chosen:
+    from_options = [parse_indicator(text) for text in texts]
+    from_options += [Instrument(profile=profile, port=port) for port in ports]
+    if simulated and from_options:
         raise UsageError("--simulated and a port", "both", "one of them")
     if simulated:
         return simulated_indicators([profile])
-    instruments = tuple(chosen) or from_file(machine.indicator, "the machine file")
+    instruments = tuple(from_options) or from_file(machine.indicator, "the machine file")
     if instruments:
         check_indicators(instruments, legs=False)  # that depends on the procedure
     return instruments

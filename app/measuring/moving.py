@@ -387,29 +387,29 @@ class Mover:
         self._at, self._zero, self._places = None, False, tuple(places)
         self._way = way = self.line.go(places, self._feed)
         step = self._step
-        way.add_done_callback(lambda done: self._arrived(done, None if to_zero else step))
+        way.add_done_callback(lambda motion: self._arrived(motion, None if to_zero else step))
 
     def _send_proof(self, to_mm: Triple) -> None:
         self._at, self._zero, self._places = None, False, (to_mm,)
         self._way = self.line.go([to_mm], min(FEED_MM_MIN, self._feed))
         self._way.add_done_callback(self._proof_arrived)
 
-    def _proof_arrived(self, done: Future[Triple]) -> None:
+    def _proof_arrived(self, motion: Future[Triple]) -> None:
         with self._lock:
-            if done is not self._way:
+            if motion is not self._way:
                 return
             self._way, self._arrived_s = None, time.monotonic()
-            if done.exception() is None:
+            if motion.exception() is None:
                 self.on_arrival()
         self.on_news()
 
-    def _arrived(self, done: Future[Triple], step: Step | None) -> None:
+    def _arrived(self, motion: Future[Triple], step: Step | None) -> None:
         """In the thread of the controller: at a step, or at Zero, or nowhere."""
         with self._lock:
-            if done is not self._way:
+            if motion is not self._way:
                 return
             self._way = None
-            if done.exception() is None:
+            if motion.exception() is None:
                 self.on_arrival()
                 self._at, self._zero = step, step is None
                 if step is None:

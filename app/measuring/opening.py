@@ -135,12 +135,12 @@ class PlanCheck:
             self.first = first_step(self.plan)
             self.spindles = SpindleCheck(self.plan.instruments)
 
-    def fits(self, what: str, *, opened: bool) -> bool:
+    def fits(self, answer: str, *, opened: bool) -> bool:
         """Whether to begin, try again, choose another port, or exchange both: another one moved."""
         spindles, refused = self.spindles, self.problem is not None
         moved = spindles is not None and spindles.finding is PushResult.OTHER
         able = {"retry": refused, "port": refused and bool(self.gone), "exchange": moved}
-        return (able | {"begin": opened}).get(what, True)
+        return (able | {"begin": opened}).get(answer, True)
 
     def exchange(self, indicators: Indicators) -> Indicators:
         """The spindle that moved is the one that was asked for: its port belongs there."""

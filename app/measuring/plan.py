@@ -62,8 +62,8 @@ class Plan:
         Steps take as long as the machine needs where it moves itself.
         """
         if not self.procedure.levels:
-            read = self.procedure.indicators_used(self.instruments)
-            object.__setattr__(self, "instruments", read)
+            instruments = self.procedure.indicators_used(self.instruments)
+            object.__setattr__(self, "instruments", instruments)
         if self.motion and not self.continued:
             machine_time = timed(self.procedure, self.machine, self.axes)
             object.__setattr__(self, "procedure", machine_time)

@@ -83,14 +83,14 @@ class Preparation:
 
     def _offer(self, machine: Machine) -> None:
         """Its usual procedure, by hand or where a controller moves it, or the chosen one."""
-        chosen, before = (
+        procedure, before = (
             self.typed.get("procedure"),
             self._usual or self.offered_for.usual_procedure,
         )
         self._usual = procedure_of(machine, moving=bool(self.typed["motion"]))
         self.offered_for = machine
-        stays = chosen and chosen != before and chosen in self.procedures
-        self.fields["procedure"] = chosen if chosen and stays else self._usual
+        stays = procedure and procedure != before and procedure in self.procedures
+        self.fields["procedure"] = procedure if procedure and stays else self._usual
 
     @property
     def procedures(self) -> list[str]:
@@ -120,10 +120,10 @@ class Preparation:
         """The same; without any, two."""
         return self.instruments(procedure) or simulated_indicators()
 
-    def choose(self, which: int, form: Form) -> None:
+    def choose(self, number: int, form: Form) -> None:
         """An indicator; what was proposed is chosen from there on."""
-        if form != self.forms[which]:
-            self.forms[which], self.source = form, ""
+        if form != self.forms[number]:
+            self.forms[number], self.source = form, ""
 
     def _propose(self, machine: Machine) -> None:
         """The indicators of the machine file, else those used last; serial number and place.
@@ -174,8 +174,10 @@ class Preparation:
 
 def retyped(form: Form, typed: Mapping[str, str]) -> Form:
     """The values of an indicator with those that were typed; what is usual need not stand in it."""
-    usual, named = USUAL | form, Instrument.model_fields
-    changed = {n: text for n, text in typed.items() if n in named and text != str(usual.get(n, ""))}
+    usual, fields = USUAL | form, Instrument.model_fields
+    changed = {
+        n: text for n, text in typed.items() if n in fields and text != str(usual.get(n, ""))
+    }
     left_out = OF_ITS_OWN if "profile" in changed else ()
     return {name: value for name, value in (form | changed).items() if name not in left_out}
 
@@ -199,20 +201,20 @@ class ProfileTrial:
     def run(self, progress: Callable[..., object]) -> list[PortFinding]:
         """Try them, up to a minute; nothing is found where it is stopped before one fits."""
         port, stopped = self.instrument.port, self._stopped.is_set
-        asked = asked_of(self.instrument)
+        query = asked_of(self.instrument)
         try:
             trials = try_profiles(
-                PROFILES.values(), port, asked, progress=progress, stopped=stopped
+                PROFILES.values(), port, query, progress=progress, stopped=stopped
             )
         except IndicatorError as problem:
             return [refused(port, problem)]
         self.fitting = [fit.profile for fit in trials.fits]
         return findings_of(trials) if self.fitting or not stopped() else []
 
-    def best(self, chosen: object) -> str:
+    def best(self, name: object) -> str:
         """The name of the profile to take: the chosen one if it fits, else one that is verified."""
         best = min(self.fitting, key=lambda profile: profile.verified is Evidence.UNVERIFIED)
-        return str(chosen) if chosen in [profile.name for profile in self.fitting] else best.name
+        return str(name) if name in [profile.name for profile in self.fitting] else best.name
 
 
 def _temperature(text: str) -> float | None:

@@ -276,9 +276,9 @@ class Proof:
 
     def _fail(self, words: str, where: str) -> None:
         """Not proved: all of it begins anew, with the indicators set up."""
-        sent = f"Sent {self.move.words}: " if self.move else ""
+        prefix = f"Sent {self.move.words}: " if self.move else ""
         self.wrong = (
-            f"{sent}{words}. Correct {where}, or mdi in the machine file, or move the stand to "
+            f"{prefix}{words}. Correct {where}, or mdi in the machine file, or move the stand to "
             "its station."
         )
         self.news.append(f"proof failed: {self.wrong}")

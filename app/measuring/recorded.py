@@ -189,8 +189,8 @@ def _state(record: Record) -> SessionFile:
 def follow_up(session: SessionFile, among: Sequence[SessionFile]) -> SessionFile | None:
     """The session that verifies this one, if it is there."""
     folder, name = session.path.parent, session.path.name
-    beside = (each for each in among if each.path.parent == folder)
-    return next((each for each in beside if each.verifies == name), None)
+    beside = (entry for entry in among if entry.path.parent == folder)
+    return next((entry for entry in beside if entry.verifies == name), None)
 
 
 Parser = Callable[[str], float | None]
@@ -211,8 +211,8 @@ def check_values(record: Record) -> None:
     for reading in (event for event in before_a_break if isinstance(event, Reading)):
         step = steps.get(reading.step or 0)
         number = step.indicators[step.axes.index(reading.axis)] if step else None
-        read = _plain if number is None else parsers[number]
-        said_mm, name, value_mm = read(reading.text), "value_mm", reading.value_mm
+        parser = _plain if number is None else parsers[number]
+        said_mm, name, value_mm = parser(reading.text), "value_mm", reading.value_mm
         if reading.contact and reading.position_mm:  # its text is that of the place
             name, value_mm = f"{reading.axis}_mm", reading.position_mm["xyz".index(reading.axis)]
         if said_mm is not None and abs(said_mm - value_mm) > SAME_MM:
@@ -233,8 +233,8 @@ def _parser(instrument: Instrument) -> Parser:
         return lambda _: None
 
 
-def _as_read(profile: Profile, asked: Query, text: str) -> float | None:
-    outcome = profile.parse(text, asked)
+def _as_read(profile: Profile, query: Query, text: str) -> float | None:
+    outcome = profile.parse(text, query)
     return outcome.value_mm if isinstance(outcome, IndicatorReading) else None
 
 

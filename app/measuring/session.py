@@ -348,8 +348,8 @@ class GuidedSession:
         numbers = {s.number for s in there}
         mounts = [r.mount for r in self.session.readings if r.step in numbers]
         if mounts:
-            named = (set(m.mounts.values()) for m in self.session.mountings)
-            together = next((names for names in named if mounts[-1] in names), {mounts[-1]})
+            groups = (set(m.mounts.values()) for m in self.session.mountings)
+            together = next((names for names in groups if mounts[-1] in names), {mounts[-1]})
             return self._taken_on(together) | alone
         return alone | {s.number for s in zeros if s.cycle == step.cycle}
 
@@ -438,8 +438,8 @@ class GuidedSession:
         before = self.name_of(number)
         self.gauges[number].go_on_at(port)
         adapter = self.gauges[number].adapter
-        which = f", adapter {adapter}" if adapter else ""
-        self.note(f"{before} goes on at {port}{which}")
+        adapter_words = f", adapter {adapter}" if adapter else ""
+        self.note(f"{before} goes on at {port}{adapter_words}")
 
     def note(self, text: str) -> None:
         """A remark for the record."""
@@ -484,12 +484,12 @@ class GuidedSession:
         self.session = fold(self._journal.events)
 
     def _new_mounting(self, step: Step) -> Mounted:
-        used = {name for mounted in self.session.mountings for name in mounted.mounts.values()}
+        names = {name for mounted in self.session.mountings for name in mounted.mounts.values()}
         mounts: dict[Leg, str] = {}
         for axis in step.axes:
             base = name = default_mount(step.leg, axis, step.place[1])
             number = 2
-            while name in used:
+            while name in names:
                 name, number = f"{base}#{number}", number + 1
             mounts[axis] = name
         over = step.over_plane or None

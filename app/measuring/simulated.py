@@ -38,7 +38,7 @@ from protocols.session import Opened, Reading, Session, fold
 
 
 def hidden_effect(
-    wanted: str,
+    name: str,
     truth: Model,
     conditions: Conditions,
     *,
@@ -46,11 +46,11 @@ def hidden_effect(
     noise_mm: float,
     size: float | None = None,
 ) -> tuple[EffectInstance, ...]:
-    """The effect ``wanted`` (id, or id:where) for the machine ``truth``; see `hidden_among`.
+    """The effect of this ``name`` (id, or id:where) for the machine ``truth``; see `hidden_among`.
 
     Raises UsageError where it is not known, or these readings cannot show it.
     """
-    effect_id, _, where = f"{wanted}".partition(":")
+    effect_id, _, where = f"{name}".partition(":")
     effects = (*known_effects(), *BESIDE_CATALOGUE, *OF_MODELS)
     if effect_id not in {effect.id for effect in effects}:
         raise UsageError("effect", repr(effect_id), ", ".join(dict.fromkeys(x.id for x in effects)))
@@ -71,7 +71,7 @@ def hidden_effect(
         raise UsageError(f"place of effect {effect_id}", repr(where), places)
     effect_hidden = hidden_among(here, truth, conditions, seed=seed, noise_mm=noise_mm, size=size)
     if not effect_hidden:
-        raise _not_seen(wanted, " Or state its size with --size.")
+        raise _not_seen(name, " Or state its size with --size.")
     return effect_hidden
 
 
@@ -248,20 +248,20 @@ def short_travels(
         places.setdefault(step.place, []).append(step)
     tolerance_mm, short = machine.tolerances_mm(), []
     for k, instrument in enumerate(instruments):
-        needed = []
+        travels = []
         for steps in places.values():
             first = steps[0]
             if k not in first.indicators:
                 continue
             axis = first.axes[first.indicators.index(k)]
-            read = leg_number(first.leg), leg_number(axis)
+            mounting = leg_number(first.leg), leg_number(axis)
             where = f"along {axis.upper()} of leg {first.leg.upper()}, "
             at = [(step.displacement_mm, step.station) for step in steps]
             tilt = machine.plane_tilt_mrad if first.over_plane else None
-            moved_mm = excursion_mm(geometry, tolerance_mm, read, at, tilt)
+            moved_mm = excursion_mm(geometry, tolerance_mm, mounting, at, tilt)
             where += "over the plane" if first.over_plane else f"station {first.station:g}"
-            needed.append((instrument, moved_mm, where))
-        worst = descending(needed, lambda instrument_axes: instrument_axes[1])[0]
+            travels.append((instrument, moved_mm, where))
+        worst = descending(travels, lambda instrument_axes: instrument_axes[1])[0]
         if instrument.travel_mm is not None and worst[1] > instrument.travel_mm:
             short.append(worst)
     return short

@@ -30,10 +30,10 @@ def lost_words(guided: GuidedSession) -> str | None:
     for number, gauge in enumerate(guided.gauges):
         words = gauge.lost(moving=moving)
         if words is not None:
-            lost = f"{guided.name_of(number)}: {words}"
+            fault_words = f"{guided.name_of(number)}: {words}"
             if mover is not None and moving:
-                mover.stop(lost)
-            return lost
+                mover.stop(fault_words)
+            return fault_words
     return None
 
 
@@ -150,16 +150,16 @@ def _consent(guided: GuidedSession, mover: Mover) -> None:
 
 def _wait(guided: GuidedSession, mover: Mover) -> None:
     """Until the machine rests. Raises MotionError for what stopped it, unless it is over."""
-    lost = None
+    fault_words = None
     while True:
         mover.alive()
         guided.follow_proof()
-        lost = lost_words(guided) or lost
+        fault_words = lost_words(guided) or fault_words
         if mover.proving:
             release_lost(guided)
         state = mover.state
-        if state is State.HELD and lost is not None:
-            _indicators_back(guided, lost)
+        if state is State.HELD and fault_words is not None:
+            _indicators_back(guided, fault_words)
             mover.answer().result()
             return
         if mover.interrupted or state is State.STOPPED:
@@ -172,14 +172,14 @@ def _wait(guided: GuidedSession, mover: Mover) -> None:
         time.sleep(LOOK_S)
 
 
-def _indicators_back(guided: GuidedSession, lost: str) -> None:
+def _indicators_back(guided: GuidedSession, fault_words: str) -> None:
     """Return when every indicator answers again, each asked so often. Raises IndicatorError."""
     slowest_s = max(gauge.profile.timeout_s for gauge in guided.gauges)
     # after an answer that is missed its exchange is silent, lest an old one be taken for a new one
     end_s = time.monotonic() + TRIES * (LATEST + 1.0) * slowest_s
     while lost_words(guided) is not None:
         if time.monotonic() > end_s:
-            raise IndicatorError("motion", lost, "a reading")
+            raise IndicatorError("motion", fault_words, "a reading")
         time.sleep(LOOK_S)
 
 
@@ -197,8 +197,8 @@ def _at_rest(guided: GuidedSession, step: Step) -> None:
     """Until the indicators of a step rest. Raises IndicatorError."""
     end_s = time.monotonic() + REST_S
     while time.monotonic() < end_s:
-        if (lost := lost_words(guided)) is not None:
-            _indicators_back(guided, lost)
+        if (fault_words := lost_words(guided)) is not None:
+            _indicators_back(guided, fault_words)
         if all(guided.gauges[k].live().motion is Motion.STABLE for k in step.indicators):
             return
         time.sleep(LOOK_S)

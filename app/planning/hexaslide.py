@@ -156,10 +156,10 @@ def _searched(planned: HexaSlidePlanning, count: int, search: Search) -> BestPos
     return best
 
 
-def inside_box(given: FloatArray, machine: HexaSlide, advice: str = "") -> FloatArray:
+def inside_box(postures: FloatArray, machine: HexaSlide, advice: str = "") -> FloatArray:
     """The postures of a file, on the bounds where only rounding is outside. Raises RecordError."""
     try:
-        return machine.inside(given)
+        return machine.inside(postures)
     except CalibrationError as problem:
         raise RecordError(
             f"posture file, {problem.thing}", problem.found, problem.allowed, advice

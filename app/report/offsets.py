@@ -155,12 +155,12 @@ def for_controller(
         if any(effect is absent for absent in left_out)
     )
     names = list(dict.fromkeys(offsets.model.effects[number].id for number in sorted(numbers)))
-    kept = [acting for n, acting in enumerate(offsets.model.effects) if n not in numbers]
+    effects = [acting for n, acting in enumerate(offsets.model.effects) if n not in numbers]
     if solved is None:
-        return _offsets_of_model(offsets, offsets.model.with_effects(tuple(kept)), holds, names)
+        return _offsets_of_model(offsets, offsets.model.with_effects(tuple(effects)), holds, names)
     if not numbers:
         return offsets
-    off = solved.corrections.off(offsets.model.with_effects(tuple(kept)))
+    off = solved.corrections.off(offsets.model.with_effects(tuple(effects)))
     leaves = "the bound of the tool includes what that leaves"
     missing = f"not in these files: {', '.join(names)}; {leaves}"
     return with_bound(offsets, bound_of_files(solved, off), missing)

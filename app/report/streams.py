@@ -119,7 +119,7 @@ def heed_signals(leave: Callable[[], object] | None) -> None:
                 loop.add_signal_handler(number, receive, number)
 
 
-def need_terminal(what: str, instead: str) -> None:
+def need_terminal(subject: str, instead: str) -> None:
     """Raises UsageError where there is no terminal to show a screen on."""
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise UsageError(what, "no terminal", f"a terminal, or {instead}")
+        raise UsageError(subject, "no terminal", f"a terminal, or {instead}")

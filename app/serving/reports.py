@@ -267,10 +267,10 @@ def _rows(paths: Sequence[Path], folder: Path | None) -> tuple[Row, ...]:
 
     decisions, rows = known_decisions(paths), []
     for path in paths:
-        name, seen = str(path.relative_to(folder)) if folder else path.name, look_at(path)
+        name, view = str(path.relative_to(folder)) if folder else path.name, look_at(path)
         decision = decisions[path] or "" if path in decisions else NOT_KNOWN
-        machine = f"{seen.machine}{ORIGIN_WORDS[seen.origin]}"
-        cells = (seen.state, machine, seen.day, "" if seen.problem else decision)
+        machine = f"{view.machine}{ORIGIN_WORDS[view.origin]}"
+        cells = (view.state, machine, view.day, "" if view.problem else decision)
         rows.append((f"/reports/{_key(path)}", printable(name), tuple(map(printable, cells))))
     return tuple(rows)
 

@@ -241,8 +241,8 @@ def grouped(chart: Chart) -> Chart:
         members.append(name.removeprefix(group).strip(" ,"))
     share = WITHIN * len(groups) / len(places)
     series = tuple(
-        replace(each, x=tuple(places[round(x) - 1] + share * (x - round(x)) for x in each.x))
-        for each in chart.series
+        replace(curve, x=tuple(places[round(x) - 1] + share * (x - round(x)) for x in curve.x))
+        for curve in chart.series
     )
     words = f"each: {', '.join(dict.fromkeys(members))}"
     return replace(chart, series=series, x_names=tuple(groups), x_groups=(), x_words=words)

@@ -40,8 +40,8 @@ def readings_by_posture(session: Session, step: Step) -> Chart:
         rows = [row for row in leg_rows(session, step) if row.axis == axis]
         points = [point for row in rows for point in row.minus_zero_mm.items()]
         series.append(series_of(f"along {axis.upper()}", points))
-    what = "far end minus near end" if step.over_plane else "readings minus Zero"
-    title = f"{step.touched[:1].upper()}{step.touched[1:]}: {what}"
+    quantity = "far end minus near end" if step.over_plane else "readings minus Zero"
+    title = f"{step.touched[:1].upper()}{step.touched[1:]}: {quantity}"
     x_words = "number of the position" if step.leg == "tool" else "displacement, mm"
     return Chart(title, x_words, "mm", tuple(s for s in series if s.x))
 

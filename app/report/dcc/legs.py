@@ -112,9 +112,11 @@ def _entered(calibration: CertifiedCalibration) -> tuple[str, list[CertifiedValu
             )
         ]
         radius = CertifiedValue("radius", change.radius.then, UNITS["mm"])
-        held = ("rotation_distance", "mm") if change.turns else ("steps per mm", "1/mm")
+        quantity = ("rotation_distance", "mm") if change.turns else ("steps per mm", "1/mm")
         travels = [
-            CertifiedValue(f"tower {tower.tower}: {held[0]}", tower.travel.then, UNITS[held[1]])
+            CertifiedValue(
+                f"tower {tower.tower}: {quantity[0]}", tower.travel.then, UNITS[quantity[1]]
+            )
             for tower in change.towers
             if tower.travel
         ]

@@ -91,8 +91,8 @@ def signed(xml: str, key: SigningKey) -> bytes:
         cert=[_base64(certificate) for certificate in key.certificates],
         always_add_key_value=False,
     )
-    written: bytes = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
-    return written
+    document: bytes = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
+    return document
 
 
 def _base64(certificate: x509.Certificate) -> str:

@@ -218,7 +218,7 @@ def _set_ups(session: Session) -> list[Picture]:
 def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Section:
     """What is to be entered and what the tool keeps then, with remedies of a model."""
     machine, correction = solved.sessions[0].opened.machine, solved.correction
-    named = read_model_file(model).effects if model else ()
+    effects = read_model_file(model).effects if model else ()
     table = new_table("joint", "entered when measured, mm", "add, mm", "± U (95 %)", "together, mm")
     held_mm, added_mm = machine.entered_offsets_mm, solved.joint_offsets_mm
     wide_mm = solved.corrections.half_widths_mm().tolist()
@@ -244,7 +244,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
                 *doubt_lines(solved),
                 *change_parts(solved, change),
                 bound_table(correction.frame, correction.off_now, change.off),
-                *(effect_words(effect, machine) for effect in named),
+                *(effect_words(effect, machine) for effect in effects),
             ],
         )
     return Section(
@@ -260,7 +260,7 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
             "" if solved.reads_tool else UNSEEN,
             gains_table(solved),
             *left_out_lines(correction.left_out),
-            *(effect_words(effect, machine) for effect in named),
+            *(effect_words(effect, machine) for effect in effects),
         ],
     )
 
@@ -428,8 +428,10 @@ def _doubted(solved: SessionSolution, sessions: Sequence[Session]) -> Section:
                 of = (session.name, f"{reading.reading}", reading.place_words)
                 table.add_row(*of, signed(reading.value_mm, 4), words)
         lines += [f"{session.name}: {words}" for words in left_out_words(session)]
-    none = "No reading was questioned or superseded, and all fit their repeats."
-    return Section("Questioned and superseded readings", [*lines, table if table.rows else none])
+    fallback = "No reading was questioned or superseded, and all fit their repeats."
+    return Section(
+        "Questioned and superseded readings", [*lines, table if table.rows else fallback]
+    )
 
 
 def _readings(session: Session) -> Section:

@@ -305,7 +305,7 @@ def evidence_svg(left_um: Sequence[tuple[str, float, bool]], gap_um: float) -> s
     height_in = BOTTOM_IN + TOP_IN + ROW_IN * len(left_um)
     with _figure(WIDTH_IN, height_in, left_in=1.9) as ((axes,), out):
         for is_named in (True, False):
-            places = [k for k, (_, _, named) in enumerate(left_um) if named == is_named]
+            places = [k for k, (_, _, is_effect) in enumerate(left_um) if is_effect == is_named]
             if places:
                 label = "named" if is_named else "not named"
                 widths = [left_um[k][1] for k in places]

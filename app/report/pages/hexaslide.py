@@ -248,8 +248,8 @@ def _values(solved: CalibratedMachine, calibrated: HexaSlideMachine) -> Table:
     def add(place: str, key: str, was: Sequence[float], now: Sequence[float], digits: int) -> None:
         axes = "xyz" if len(was) > 1 else ("",)
         for axis, first, second in zip(axes, was, now, strict=True):
-            shown = (signed(value, digits) for value in (first, second, second - first))
-            table.add_row(place, f"{key} {axis}".rstrip(), *shown)
+            figures = (signed(value, digits) for value in (first, second, second - first))
+            table.add_row(place, f"{key} {axis}".rstrip(), *figures)
 
     for number, was, now in _chains(solved, calibrated):
         add(number, "start_mm", was.start_mm, now.start_mm, 4)

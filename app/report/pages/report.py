@@ -206,8 +206,8 @@ def write_report(
     issue_number(head, results.digests)
     if not digital:
         html = html_of(results.page())
-        written = pdf_of(html) if output.suffix == ".pdf" else html
-        return write_files(output, {"": written}, replace=replace)[0]
+        content = pdf_of(html) if output.suffix == ".pdf" else html
+        return write_files(output, {"": content}, replace=replace)[0]
     xml = certificate_xml(results.certificate())
     if key:
         from app.report.dcc.signature import signed

@@ -213,9 +213,9 @@ def _verified(verified: Verification | None) -> list[str | Table]:
 def _limits(calibration: CertifiedCalibration) -> list[str]:
     limits = limits_of(calibration)
     more_count = len(limits) - MOST_LIMITS
-    named = [_short_sentence(words) for words in limits[:MOST_LIMITS]]
+    sentences = [_short_sentence(words) for words in limits[:MOST_LIMITS]]
     return [
-        *named,
+        *sentences,
         *([f"{more_count} more in the annex."] if more_count > 0 else []),
         "The results are of this machine as it was when it was measured.",
     ]

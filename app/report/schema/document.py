@@ -40,11 +40,11 @@ class Source(Generic[S]):
     """
 
     def __call__(
-        self, read: Callable[[S], V], words: str | None = None, *, asked: bool = False
+        self, getter: Callable[[S], V], words: str | None = None, *, asked: bool = False
     ) -> V:
         """A field and how its value is read; one that is ``asked`` for is no key while None."""
         left_out: dict[str, Any] = {"default": None, "exclude_if": _is_none} if asked else {}
-        field = Field(description=words, json_schema_extra=ReadOff(read), **left_out)
+        field = Field(description=words, json_schema_extra=ReadOff(getter), **left_out)
         return cast("V", field)
 
     def __get__(self, part: object, kind: type[D]) -> Callable[[S], D]:

@@ -30,8 +30,8 @@ class LostCombination(Combination):
 
 def _lost(view: HexaSlideSeen) -> tuple[LostCombination, ...]:
     return tuple(
-        LostCombination(**vars(lost), at_every_posture=lost.name in view.always)
-        for lost in view.seen.unidentifiable
+        LostCombination(**vars(combination), at_every_posture=combination.name in view.always)
+        for combination in view.seen.unidentifiable
     )
 
 
@@ -182,14 +182,14 @@ class HexaSlideParameter:
 
 
 def _parameters(solved: CalibratedMachine) -> dict[str, HexaSlideParameter]:
-    calibrated, known = solved.found, solved.parameters
+    calibrated, results = solved.found, solved.parameters
     entered = solved.entered.parameters(calibrated.names).tolist()
     parameters = {}
     for k, name in enumerate(calibrated.names):
         is_known = name in calibrated.known
         uncertain: tuple[float, ...] = ()
-        if is_known and known.standard is not None and known.expanded is not None:
-            deviation, half = float(known.standard[k]), float(known.expanded[k])
+        if is_known and results.standard is not None and results.expanded is not None:
+            deviation, half = float(results.standard[k]), float(results.expanded[k])
             uncertain = deviation, half, half / deviation
         nominal, unit = float(solved.start[k]), unit_of(name)
         parameters[name] = HexaSlideParameter(entered[k], nominal, unit, is_known, *uncertain)
@@ -213,9 +213,9 @@ INNER_NAMES = (
 
 
 def _inner(solved: CalibratedMachine) -> dict[str, InnerLength]:
-    known = solved.lengths_m
-    uncertain = [column for column in (known.standard, known.expanded) if column is not None]
-    return rows(InnerLength, INNER_NAMES, known.values, *uncertain)
+    lengths = solved.lengths_m
+    uncertain = [column for column in (lengths.standard, lengths.expanded) if column is not None]
+    return rows(InnerLength, INNER_NAMES, lengths.values, *uncertain)
 
 
 @dataclass(frozen=True)

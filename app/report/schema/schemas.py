@@ -65,7 +65,7 @@ def schemas() -> dict[str, str]:
         by_name.setdefault(ID.sub(r"\1", schema_id), []).append(kind)
     texts = {
         f"{name.replace('/', '-')}.json": _text(
-            name, reduce(or_, kinds), written=issubclass(kinds[0], Report)
+            name, reduce(or_, kinds), is_output=issubclass(kinds[0], Report)
         )
         for name, kinds in by_name.items()
     }
@@ -87,7 +87,7 @@ def record_forms() -> dict[str, RecordForm]:
 
 def _lines(form: RecordForm) -> str:
     """The schema of any line of a record."""
-    return _text(ID.sub(r"\1", form.schema), form.lines, written=False)
+    return _text(ID.sub(r"\1", form.schema), form.lines, is_output=False)
 
 
 def meaning(schema: str) -> object:
@@ -176,8 +176,8 @@ def _documents(above: type[Document]) -> Iterator[type[Document]]:
         yield from below
 
 
-def _text(name: str, kind: Any, *, written: bool) -> str:  # noqa: ANN401 (class or union)
-    mode: JsonSchemaMode = "serialization" if written else "validation"
+def _text(name: str, kind: Any, *, is_output: bool) -> str:  # noqa: ANN401 (class or union)
+    mode: JsonSchemaMode = "serialization" if is_output else "validation"
     adapter = kind if isinstance(kind, TypeAdapter) else TypeAdapter(kind)
     schema = adapter.json_schema(mode=mode, schema_generator=_Untitled)
     head = {"$schema": _Untitled.schema_dialect, "title": f"glidecal.{name}"}

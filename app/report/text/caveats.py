@@ -234,11 +234,11 @@ def _of_residuals(solved: SessionSolution) -> Iterator[str]:
     """A fit without residuals cannot be checked."""
     solution = solved.solution
     if solution.noise.source == "residuals":
-        more = "" if solution.noise.repeated == "equal" else "measure more cycles, or "
+        alternative = "" if solution.noise.repeated == "equal" else "measure more cycles, or "
         yield (
             f"NOTE: {REPEATS_WORDS[solution.noise.repeated]}, and there are no stated figures of "
             f"the {gauge_word(solved)}, so the residual is taken as noise and cannot show whether "
-            f"the model fits: {more}import with --resolution and --repeatability."
+            f"the model fits: {alternative}import with --resolution and --repeatability."
         )
     elif solution.lack_of_fit is None:
         yield "NOTE: no degree of freedom is left, so the fit of the model cannot be checked."

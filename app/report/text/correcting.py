@@ -18,12 +18,14 @@ from calib.errors import GlidecalError
 from drivers.port import check_port
 
 
-async def other_port(person: Person, name: str, adapter: str, used: Collection[str]) -> str | None:
+async def other_port(
+    person: Person, name: str, adapter: str, ports_in_use: Collection[str]
+) -> str | None:
     """At which port an indicator is now, by its name and that of its adapter: listed or typed.
 
     None where the question is left. Raises IndicatorError for a URL that leads to no device.
     """
-    ports = ports_to_choose(adapter, used)
+    ports = ports_to_choose(adapter, ports_in_use)
     choices = [*questions.port_choices(ports, adapter), ("", questions.PORT_ELSEWHERE)]
     port = await person.choice(questions.port_question(name, none=not ports), choices)
     if port == "":
@@ -111,18 +113,18 @@ class Correcting:
         self.guided.note(f"homing: {answer or 'not answered'}")
         return False
 
-    async def port(self, lost: LostIndicators) -> tuple[int, str] | None:
+    async def port(self, indicators: LostIndicators) -> tuple[int, str] | None:
         """The first indicator that is lost is read at another port from here on: which, and where.
 
         None where it is not.
         """
-        if not lost.ports:
+        if not indicators.ports:
             self.person.say(questions.NO_PORT_LOST)
             return None
-        number, gauges = min(lost.ports), self.guided.gauges
-        used, adapter = [gauge.port for gauge in gauges], gauges[number].adapter
+        number, gauges = min(indicators.ports), self.guided.gauges
+        ports_in_use, adapter = [gauge.port for gauge in gauges], gauges[number].adapter
         try:
-            port = await other_port(self.person, self.guided.name_of(number), adapter, used)
+            port = await other_port(self.person, self.guided.name_of(number), adapter, ports_in_use)
             if port is None:
                 return None
             await asyncio.to_thread(self.guided.go_on_at, number, port)

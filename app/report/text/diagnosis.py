@@ -514,15 +514,15 @@ def _cell_text(cell: Cell | None) -> str:
 def ranking_text(diagnosed: SessionDiagnosis) -> str:
     """The candidates with what each explains alone; then what looks the same."""
     diagnosis = diagnosed.diagnosis
-    none = "No effect of the catalogue is likely in these readings."
+    fallback = "No effect of the catalogue is likely in these readings."
     if diagnosis.effects:
-        none = "There is no choice: the verdict names the only likely effects."
-    parts = [candidates_text(diagnosis) or none]
+        fallback = "There is no choice: the verdict names the only likely effects."
+    parts = [candidates_text(diagnosis) or fallback]
     for finding in (finding for finding in diagnosis.effects if finding.effects):
-        named = f"{finding.id} ({finding.where})"
-        sentence = f"In these readings no other effect looks like {named}."
+        subject = f"{finding.id} ({finding.where})"
+        sentence = f"In these readings no other effect looks like {subject}."
         if rivals := _rivals(finding):
-            sentence = f"These readings cannot distinguish {named} from: {rivals}."
+            sentence = f"These readings cannot distinguish {subject} from: {rivals}."
         parts.append(sentence)
     return paragraphs(*parts)
 
@@ -547,17 +547,17 @@ def adopt_choices(diagnosed: SessionDiagnosis) -> list[tuple[str, str]]:
     rest), or a candidate as ``id:where``.
     """
     diagnosis = diagnosed.diagnosis
-    named = [finding for finding in diagnosis.effects if finding.effects]
-    words = " and ".join(f"{finding.id} ({finding.where})" for finding in named)
-    rivals = {(r.id, r.where) for finding in named for r in finding.indistinguishable_from}
+    findings = [finding for finding in diagnosis.effects if finding.effects]
+    words = " and ".join(f"{finding.id} ({finding.where})" for finding in findings)
+    rivals = {(r.id, r.where) for finding in findings for r in finding.indistinguishable_from}
     rival_candidates = [c for c in diagnosis.candidates if (c.id, c.where) in rivals and c.effects]
     mistakes = ", ".join(f"{finding.id} ({finding.where})" for finding in mistakes_of(diagnosed))
     choices = [(CORRECT, f"correct the readings in a new session: {mistakes}")] if mistakes else []
-    choices += [("named", f"adopt {words}")] if named else []
+    choices += [("named", f"adopt {words}")] if findings else []
     if diagnosis.left_over:
         where = diagnosis.left_over.where
         words_of_rest = (
-            f"adopt {f'{words} and ' if named else ''}the rest as an unnamed effect ({where})"
+            f"adopt {f'{words} and ' if findings else ''}the rest as an unnamed effect ({where})"
         )
         choices.append((EMPIRICAL, words_of_rest))
     choices += [

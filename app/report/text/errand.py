@@ -54,22 +54,22 @@ class SessionChoice:
     recent: Sequence[SessionFile]
     read_only: bool = False
 
-    async def errand(self, what: str, path: str) -> Errand | None:
+    async def errand(self, verb: str, path: str) -> Errand | None:
         """With the session of this path or after asking which one; None where a question is left.
 
         Raises RecordError for a session that cannot be read, UsageError where it has no comparison.
         """
-        session = next((each for each in self.recent if str(each.path) == path), None)
+        session = next((entry for entry in self.recent if str(entry.path) == path), None)
         if session is None:
-            session = await self._one(texts.WHICH["before" if what == "compare" else what])
+            session = await self._one(texts.WHICH["before" if verb == "compare" else verb])
         elif session.problem:
             raise RecordError(session.problem)
-        if session is not None and what == "session":
+        if session is not None and verb == "session":
             choices = texts.session_choices(session, read_only=self.read_only)
-            what = await self.person.choice(texts.session_label(session), choices) or ""
-        if session is None or not what:
+            verb = await self.person.choice(texts.session_label(session), choices) or ""
+        if session is None or not verb:
             return None
-        return await self._pair(session) if what == "compare" else (what, session.path, None)
+        return await self._pair(session) if verb == "compare" else (verb, session.path, None)
 
     async def _pair(self, session: SessionFile) -> Errand | None:
         """With the session after it; one that verifies another brings its partner."""

@@ -33,7 +33,7 @@ SOUND = "Nothing to enter: the tool would not become clearly more accurate:"
 def glance_text(
     solved: SessionSolution,
     before: SessionSolution | None,
-    done: Collection[Done],
+    actions: Collection[Done],
     columns: int,
     *,
     exports: bool,
@@ -52,7 +52,7 @@ def glance_text(
         verdict = [judged_sentence(judge(solved, tolerance_mm), verified=before is not None)]
     if before:
         verdict.append(comparison_sentence(before.solution, solved.solution))
-    caution = export_caution(solved) if Done.EXPORTED in done else ""
+    caution = export_caution(solved) if Done.EXPORTED in actions else ""
     heading = "Add to the offsets in the controller:" if any(machine.entered_offsets_mm) else ""
     if not correction.helps:
         heading = SOUND if before else WORTHLESS
@@ -61,7 +61,7 @@ def glance_text(
         heading,
         *(change_tables(change) if change else [correction_table(solved.correction)]),
         [f"Tool error, at most (95 %), r.m.s., {FRAME_WORDS[frame]}:", *bars],
-        next_text(solved, done, exports=exports, measures=measures),
+        next_text(solved, actions, exports=exports, measures=measures),
     )
 
 
@@ -75,18 +75,18 @@ def _cautions(solved: SessionSolution) -> Iterator[str]:
 
 
 def next_text(
-    solved: SessionSolution, done: Collection[Done], *, exports: bool, measures: bool
+    solved: SessionSolution, actions: Collection[Done], *, exports: bool, measures: bool
 ) -> str:
     """What to do next with this result; nothing where nothing can be done from here."""
-    if solved.lacks_something and not {*done} - {Done.REPORTED}:
+    if solved.lacks_something and not {*actions} - {Done.REPORTED}:
         return "Next: {result.diagnose} looks for what is missing from the model."
     if not exports:
         return ""
     if not solved.entered.helps:
-        leave = LEFT_AS_IT_IS if Done.REPORTED in done else LEAVE_AS_IT_IS
+        leave = LEFT_AS_IT_IS if Done.REPORTED in actions else LEAVE_AS_IT_IS
         return f"Next: {MORE_THAN_OFFSETS if solved.corrections.more_helps else leave}"
-    if Done.EXPORTED in done:
-        then = AGAIN if measures else PRINT if Done.REPORTED in done else REPORT
+    if Done.EXPORTED in actions:
+        then = AGAIN if measures else PRINT if Done.REPORTED in actions else REPORT
         return f"Next: enter the values in the controller; {then}"
     return "Next: {result.export} writes these values as files for the controller."
 

@@ -317,9 +317,9 @@ def sees_text(
 def lost_words(view: HexaSlideSeen) -> str:
     """Motions of one frame in one breath; other combinations are long and only counted."""
     motions = {name for name, _ in view.seen.examined.sensitivity.motions}
-    named = [parameter.name for parameter in view.seen.unidentifiable if parameter.name in motions]
-    other_count = len(view.seen.unidentifiable) - len(named)
-    motion_words = [f"{motion} {', '.join(axes)}" for motion, axes in grouped(named).items()]
+    names = [parameter.name for parameter in view.seen.unidentifiable if parameter.name in motions]
+    other_count = len(view.seen.unidentifiable) - len(names)
+    motion_words = [f"{motion} {', '.join(axes)}" for motion, axes in grouped(names).items()]
     if other_count:
         motion_words.append(f"{other_count} other combination{'s' if other_count > 1 else ''}")
     return "; ".join(motion_words) or "nothing"
@@ -373,16 +373,16 @@ def drawn_at_text(number: int, count: int) -> str:
 MOST_POSTURES = 200
 
 
-async def asked_request(person: Person, what: str, request: Request) -> Request | None:
+async def asked_request(person: Person, subject: str, request: Request) -> Request | None:
     """Another procedure, other components or another machine file; None where it stays as it is.
 
     An empty line in place of a machine file is the example H60.
     """
-    if what == "procedure":
+    if subject == "procedure":
         kinds = [(kind, f"{kind}: {PROCEDURE_WORDS[kind]}") for kind in KINDS]
         kind = await person.choice(WHICH_PROCEDURE, kinds)
         return replace(request, procedure=kind, measured=(), known=None) if kind else None
-    if what == "measured":
+    if subject == "measured":
         components = ",".join(request.measured or ("x", "y", "z", "theta"))
         text = await person.line(WHICH_COMPONENTS, "x,y,z,theta", proposed=components)
         return measuring(request, text) if text else None

@@ -48,7 +48,7 @@ def calibration_text(solved: CalibratedMachine) -> str:
     """The sentences that matter, parameters, what is left, then the checks."""
     document = HexaSlideCalibrationReport.of(solved)  # words and JSON tell the same numbers
     linked = document.procedure is ProcedureKind.CONSTRAINT_LINK
-    read = ", ".join(
+    quantities = ", ".join(
         ["sliders on the constraint link" if linked else "sliders", *document.measured]
     )
     verdict = (
@@ -61,7 +61,7 @@ def calibration_text(solved: CalibratedMachine) -> str:
     return paragraphs(
         f"{document.measurements}: {document.machine} ({document.machine_file}), "
         f"{document.procedure.value}, "
-        f"{document.postures.count} {document.origin} postures; read: {read}",
+        f"{document.postures.count} {document.origin} postures; read: {quantities}",
         beside_words(solved.adopted),
         "\n".join([*verdict, platform_text(document), *caveats(document)]),
         parameter_table(document),
@@ -114,13 +114,13 @@ def deciding_figures(off_mm: float, bound_mm: float, tolerance_mm: float | None)
     """
     limit_mm = math.inf if tolerance_mm is None else tolerance_mm
     decided, limit = _sides(off_mm, bound_mm, limit_mm), Decimal(f"{limit_mm:.10g}")
-    shown = f"{off_mm:.3g}", f"{bound_mm:.3g}"
+    figures = f"{off_mm:.3g}", f"{bound_mm:.3g}"
     for digits in range(4, MOST_DIGITS + 1):
-        off, bound = map(Decimal, shown)
+        off, bound = map(Decimal, figures)
         if _sides(off, bound, limit) == decided:  # as a reader adds them up
             break
-        shown = f"{off_mm:.{digits}g}", f"{bound_mm:.{digits}g}"
-    return shown
+        figures = f"{off_mm:.{digits}g}", f"{bound_mm:.{digits}g}"
+    return figures
 
 
 def _sides(off: Number, bound: Number, limit: Number) -> tuple[bool, bool]:
@@ -147,8 +147,8 @@ def next_lines(verified: VerifiedMachine) -> list[str]:
         lines.append("Measure more postures, or with less noise.")
     elif verified.decision == "fail":
         lines.append("Calibrate once more from the second session.")
-    if lost := verified.after.found.unidentifiable:
-        lines.append(f"Laid over, for no reading shows it: {'; '.join(lost)}.")
+    if directions := verified.after.found.unidentifiable:
+        lines.append(f"Laid over, for no reading shows it: {'; '.join(directions)}.")
     return lines
 
 

@@ -23,7 +23,7 @@ def comparison_text(compared: ComparedSessions) -> str:
         f"{compared.before.name} and {compared.after.name}: {_verdict(apart)}",
         _platform(apart),
         *_lengths(apart),
-        "\n".join(_session(each) for each in (compared.before, compared.after)),
+        "\n".join(_session(session) for session in (compared.before, compared.after)),
         laid_over if apart.free else "",
     )
 
@@ -31,8 +31,10 @@ def comparison_text(compared: ComparedSessions) -> str:
 def _verdict(apart: MachinesApart) -> str:
     if apart.p_value is None:
         return "not known whether the machine changed."
-    shown = f"of {apart.p_value:.2g}" if apart.p_value >= LEAST_SHOWN else f"below {LEAST_SHOWN:g}"
-    chance = f"one machine would differ so much with a chance {shown}"
+    p_words = (
+        f"of {apart.p_value:.2g}" if apart.p_value >= LEAST_SHOWN else f"below {LEAST_SHOWN:g}"
+    )
+    chance = f"one machine would differ so much with a chance {p_words}"
     return f"the machine changed; {chance}." if apart.changed else f"no change shows; {chance}."
 
 
@@ -55,11 +57,11 @@ def _platform(apart: MachinesApart) -> str:
 def _lengths(apart: MachinesApart) -> list[str | Table]:
     """Lengths that differ most by their uncertainty."""
     lengths = lengths_of(apart)
-    known = [(name, each, each.expanded_mm) for name, each in lengths.items()]
+    rows = [(name, length, length.expanded_mm) for name, length in lengths.items()]
     beyond = [
-        (abs(each.difference_mm) / half, name, each)
-        for name, each, half in known
-        if half and abs(each.difference_mm) > half
+        (abs(length.difference_mm) / half, name, length)
+        for name, length, half in rows
+        if half and abs(length.difference_mm) > half
     ]
     if apart.expanded_m is None:
         return []
@@ -71,26 +73,26 @@ def _lengths(apart: MachinesApart) -> list[str | Table]:
     if not beyond:
         return [f"{words}."]
     table = new_table("length", "before, mm", "after, mm", "difference, mm", "± U (95 %)")
-    for _, name, each in sorted(beyond, key=lambda row: (-row[0], row[1]))[:MOST_LENGTHS]:
-        table.add_row(name, *_row(each))
+    for _, name, length in sorted(beyond, key=lambda row: (-row[0], row[1]))[:MOST_LENGTHS]:
+        table.add_row(name, *_row(length))
     together = "of one machine one in twenty does, and those of a joint go together"
     return [f"{words}; {together}.", table]
 
 
-def _row(each: LengthOfBoth) -> tuple[str, ...]:
+def _row(length: LengthOfBoth) -> tuple[str, ...]:
     return (
-        f"{each.before_mm:.4f}",
-        f"{each.after_mm:.4f}",
-        signed(each.difference_mm, 4),
-        f"{each.expanded_mm:.4f}",
+        f"{length.before_mm:.4f}",
+        f"{length.after_mm:.4f}",
+        signed(length.difference_mm, 4),
+        f"{length.expanded_mm:.4f}",
     )
 
 
-def _session(each: ComparedSession) -> str:
+def _session(session: ComparedSession) -> str:
     """What stands against a session."""
-    words = f"{each.name}: "
-    if each.left_out:
-        words += f"without posture {', '.join(map(str, each.left_out))}. "
-    if each.diagnosis is None:
+    words = f"{session.name}: "
+    if session.left_out:
+        words += f"without posture {', '.join(map(str, session.left_out))}. "
+    if session.diagnosis is None:
         return f"{words}no noise is stated; parameters alone are compared."
-    return f"{words}{verdict_words(each.diagnosis)}"
+    return f"{words}{verdict_words(session.diagnosis)}"

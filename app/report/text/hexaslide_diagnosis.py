@@ -108,9 +108,9 @@ def model_text(model: HexaSlideModel) -> str:
 
 def verdict_words(diagnosis: HexaSlideDiagnosis) -> str:
     """The verdict as a sentence, with what is named."""
-    named = "; ".join(_title(claim.causes) for claim in diagnosis.named)
+    titles = "; ".join(_title(claim.causes) for claim in diagnosis.named)
     return VERDICTS[diagnosis.verdict].format(
-        diagnosis.spare if diagnosis.verdict == "cannot-tell" else named
+        diagnosis.spare if diagnosis.verdict == "cannot-tell" else titles
     )
 
 

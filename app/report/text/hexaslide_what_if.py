@@ -40,8 +40,8 @@ def effect_text(before: CauseAtSize, now: CauseAtSize) -> str:
     """Residuals and platform, without the cause and with it."""
     table = new_table("", "without", "with it")
     pair = before, now
-    table.add_row("readings left, times the noise", *(f"{each.times_noise:.2f}" for each in pair))
-    table.add_row("chance of so much by noise", *(f"{each.p_value:.2g}" for each in pair))
+    table.add_row("readings left, times the noise", *(f"{entry.times_noise:.2f}" for entry in pair))
+    table.add_row("chance of so much by noise", *(f"{entry.p_value:.2g}" for entry in pair))
     table.add_row("platform, cause not compensated, mm r.m.s.", "0", _mm(now.alone_m))
     table.add_row("platform, values without it entered, mm r.m.s.", "0", _mm(now.misled_m))
     return table_text(table)

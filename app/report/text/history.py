@@ -59,8 +59,10 @@ def history_text(history: History, now: datetime) -> str:
 
 def heading_text(history: History) -> str:
     """Which folder, and how much of it is still to be worked out."""
-    left = f"   {history.waiting:,} of {history.sessions:,} sessions are still worked out …"
-    return f"History of {history.folder.absolute().name}{left if history.waiting else ''}"
+    waiting_words = (
+        f"   {history.waiting:,} of {history.sessions:,} sessions are still worked out …"
+    )
+    return f"History of {history.folder.absolute().name}{waiting_words if history.waiting else ''}"
 
 
 def files_text(history: History, *, goes_on: bool = False) -> str:

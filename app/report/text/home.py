@@ -94,16 +94,16 @@ def home_rows(
 
     ``own_screens`` of machines have a name and words.
     """
-    labels = [(each, session_label(each)) for each in sessions]
-    for each, label in labels:
-        if each.interrupted and not each.empty and not read_only:
-            yield f"Continue  {label}", f"continue {each.path}"
+    labels = [(session, session_label(session)) for session in sessions]
+    for session, label in labels:
+        if session.interrupted and not session.empty and not read_only:
+            yield f"Continue  {label}", f"continue {session.path}"
     for name, words in (*HOME_CHOICES, *own_screens):
         if not read_only or name in READING_ONLY:
             yield words, name
     if labels:
         yield None
-    yield from ((label, f"session {each.path}") for each, label in labels)
+    yield from ((label, f"session {session.path}") for session, label in labels)
 
 
 def replay_question(*, served: bool) -> str:
@@ -115,7 +115,7 @@ def replay_question(*, served: bool) -> str:
 def replay_rows(folders: Sequence[Path], sessions: Sequence[SessionFile]) -> Iterator[ListRow]:
     """The histories of these folders, then these sessions."""
     yield from ((HISTORY_OF.format(folder.name), f"history {folder}") for folder in folders)
-    yield from ((session_label(each), f"replay {each.path}") for each in sessions)
+    yield from ((session_label(session), f"replay {session.path}") for session in sessions)
 
 
 POSTURE_CHOICES = (

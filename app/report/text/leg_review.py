@@ -43,20 +43,20 @@ def review_text(review: LegReview, session: Session) -> str:
             f"{_four(along.usual_mm)} {along.usual}",
             "" if along.worst_return_mm is None else signed(along.worst_return_mm, 4),
         )
-    read, wide, which = f"Leg {review.leg.upper()}", 15, "leg along axis, "
+    subject, wide, legend = f"Leg {review.leg.upper()}", 15, "leg along axis, "
     verdict = review_verdict(review, session)
     worst = verdict.startswith("WARNING:")  # on a line of its own: it stands out
     if review.leg == "tool":
-        read, wide, which = "The plate", 22, ""
+        subject, wide, legend = "The plate", 22, ""
     cells = [
         f"{difference_words(name):<{wide}}{signed(value):>8}"
         for name, value in review.differences_mm
     ]
     rows = ["      ".join(cells[k : k + ACROSS]) for k in range(0, len(cells), ACROSS)]
     return paragraphs(
-        *([f"✓ {read} is done.", verdict] if worst else [f"✓ {read} is done. {verdict}"]),
+        *([f"✓ {subject} is done.", verdict] if worst else [f"✓ {subject} is done. {verdict}"]),
         table,
-        [f"{len(cells)} differences so far, {which}mm", *rows],
+        [f"{len(cells)} differences so far, {legend}mm", *rows],
         ["{review.continue} continues, {measure.hold} holds, {measure.plot} shows the plot."],
     )
 

@@ -186,15 +186,15 @@ HOMED_CHOICES = (
 
 
 def further_text(
-    reach: Reach, plan: Plan, until_mm: float | None, chosen: FurtherSetUp | None
+    reach: Reach, plan: Plan, until_mm: float | None, set_up: FurtherSetUp | None
 ) -> str:
-    """The bound at the tool after a session, and what follows: the ``chosen`` set-up, or the end.
+    """The bound at the tool after a session, and what follows: the ``set_up``, or the end.
 
     Where no bound was asked for, how to go on.
     """
     sentence = f"Tool over the workspace: at most {uncertain(reach.bound_mm)} mm r.m.s. (95 %)."
-    if chosen is not None:
-        return wrapped(f"{sentence} Next, {_set_up_words(chosen)}.")
+    if set_up is not None:
+        return wrapped(f"{sentence} Next, {_set_up_words(set_up)}.")
     if until_mm is not None and reach.bound_mm <= until_mm:
         return wrapped(f"{sentence} That is within the {until_mm:g} mm asked for.")
     if until_mm is not None or not reach.further:

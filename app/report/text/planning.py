@@ -132,9 +132,9 @@ def _combinations(seen_by: SeenBy) -> str:
     return "\n".join(lines)
 
 
-def postures_text(chosen: ChosenPostures) -> str:
+def postures_text(optimum: ChosenPostures) -> str:
     """Before and after, then the postures."""
-    figures = new_table("", chosen.procedure, "chosen")
+    figures = new_table("", optimum.procedure, "chosen")
     for name, kind in (
         ("postures", "count"),
         ("criterion", "value"),
@@ -143,11 +143,11 @@ def postures_text(chosen: ChosenPostures) -> str:
         ("tool error from noise, r.m.s. mm", "tool_mm"),
         ("minutes with set-up", "minutes"),
     ):
-        values = (getattr(posture_value, kind) for posture_value in (chosen.before, chosen.after))
+        values = (getattr(posture_value, kind) for posture_value in (optimum.before, optimum.after))
         figures.add_row(name, *("not identifiable" if v is None else f"{v:.4g}" for v in values))
-    names = list(chosen.postures[0])
+    names = list(optimum.postures[0])
     table = new_table(*(name.replace("_mm", ", mm") for name in names))
-    for posture in chosen.postures:
+    for posture in optimum.postures:
         coordinates = (posture[name] for name in names)
         table.add_row(
             *(
@@ -155,7 +155,7 @@ def postures_text(chosen: ChosenPostures) -> str:
                 for posture_value in coordinates
             )
         )
-    grid, value = chosen.grid_value, chosen.after.value
+    grid, value = optimum.grid_value, optimum.after.value
     if grid is None:  # a file holds just what is judged here
         moved = "The postures keep to the grid: --no-refine."
     elif value is None or value == grid:
@@ -167,14 +167,14 @@ def postures_text(chosen: ChosenPostures) -> str:
             "round ones."
         )
     return paragraphs(
-        f"{chosen.machine}: {chosen.after.count} postures for the {chosen.criterion.value} "
-        f"criterion, {CRITERION_WORDS[chosen.criterion]}; noise {chosen.noise_words}",
+        f"{optimum.machine}: {optimum.after.count} postures for the {optimum.criterion.value} "
+        f"criterion, {CRITERION_WORDS[optimum.criterion]}; noise {optimum.noise_words}",
         figures,
         table,
         moved,
-        f"{chosen.coordinates_on_bound} coordinates stand on a bound of the search. Best of "
-        f"{chosen.starts} starts, seed {chosen.seed}, {chosen.exchanges} exchanges, "
-        f"{chosen.seconds:.2f} s.",
+        f"{optimum.coordinates_on_bound} coordinates stand on a bound of the search. Best of "
+        f"{optimum.starts} starts, seed {optimum.seed}, {optimum.exchanges} exchanges, "
+        f"{optimum.seconds:.2f} s.",
     )
 
 

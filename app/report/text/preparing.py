@@ -118,8 +118,8 @@ def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[I
     columns = ("step", "leg", "posture", "cycle", "station", "axes", "controller")
     headings = [name for name in columns if name not in repeated]
     table = new_table(*headings, left=len(headings))
-    used = instruments[: max(step.indicators.stop for step in steps)]
-    names = [f"{k} {entry.profile} ({entry.port})" for k, entry in enumerate(used, start=1)]
+    readers = instruments[: max(step.indicators.stop for step in steps)]
+    names = [f"{k} {entry.profile} ({entry.port})" for k, entry in enumerate(readers, start=1)]
     order = " Axes stand in this order." if len(names) > 1 else ""
     if procedure.plane is not None:
         order += " p: the stand is on the plane." + " 2: the second one reads." * (len(names) > 1)
@@ -142,10 +142,10 @@ def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[I
 
 def rehearsal_text(options: str, plan: Plan, ports: Sequence[str]) -> str:
     """How a rehearsal is measured, with these ``options``, and moved."""
-    named = zip(plan.instruments, ports, strict=True)
+    connections = zip(plan.instruments, ports, strict=True)
     return (
         f"Measure with: glidecal run {options} "
-        + " ".join(f"--indicator {instrument.profile}:{port}" for instrument, port in named)
+        + " ".join(f"--indicator {instrument.profile}:{port}" for instrument, port in connections)
         + "\nHere Enter moves the machine to the next step, a number and Enter to that step; "
         "p1 and p2 push a spindle in. Ctrl-C ends."
     )
@@ -209,8 +209,8 @@ def trial_text(trial: SpindleCheck, step: Step) -> str:
     """Which spindle is to be pushed before ``step`` is measured, and what the last push told."""
     if trial.done:
         return "Each spindle was found at its place. {check.begin} begins."
-    named = [indicator_words(k, instrument) for k, instrument in enumerate(trial.instruments)]
-    which, second_name = named[trial.asked], named[trial.asked - 1]
+    indicators = [indicator_words(k, instrument) for k, instrument in enumerate(trial.instruments)]
+    first_name, second_name = indicators[trial.asked], indicators[trial.asked - 1]
     instrument = trial.instruments[trial.asked]
     reads = trial.asked in step.indicators
     axis = step.axes[step.indicators.index(trial.asked)] if reads else instrument.axes[0]
@@ -226,6 +226,6 @@ def trial_text(trial: SpindleCheck, step: Step) -> str:
     where = "at the tool" if step.leg == "tool" else f"of {step.touched}"
     sentence = findings.get(trial.finding, "") + f"push in the spindle {axis} {where}"
     return (
-        f"{sentence[0].upper()}{sentence[1:]} and let it go: {which}. {{check.begin}} "
+        f"{sentence[0].upper()}{sentence[1:]} and let it go: {first_name}. {{check.begin}} "
         "begins without."
     )

@@ -141,8 +141,8 @@ def tower_remedies(effects: Sequence[EffectInstance], towers: Mapping[str, str])
 
 def _remedy(effect: EffectInstance, towers: Mapping[str, str]) -> str | None:
     value = float(effect.values[0].real)
-    named = [towers.get(letter, "") for letter in effect.place]
-    law, tower = effect.effect, named[0]
+    names = [towers.get(letter, "") for letter in effect.place]
+    law, tower = effect.effect, names[0]
     if isinstance(law, ActuatorScale):
         times = 1.0 + value / 1000.0
         return (
@@ -164,7 +164,7 @@ def _remedy(effect: EffectInstance, towers: Mapping[str, str]) -> str | None:
     if isinstance(law, AxisSquareness):
         way = "apart" if value > 0.0 else "together"
         return (
-            f"towers {' and '.join(named)} lean, for which firmware has no value: with their feet "
+            f"towers {' and '.join(names)} lean, for which firmware has no value: with their feet "
             f"where they are, move their tops {way}, {abs(value):.2f} mm for each metre of height"
         )
     return None

@@ -260,12 +260,14 @@ def lost_text(name: str, news: LostNews, *, alone: bool = True) -> str:
     """
     if news.fault is None:
         return f"{name.capitalize()} answers again.{' Continue with this step.' * alone}"
-    lost = f"FAULT: {name}: {sentence(news.fault.words)} The session waits."
+    fault_words = f"FAULT: {name}: {sentence(news.fault.words)} The session waits."
     if news.elsewhere:
-        return f"{lost} Its adapter is at {news.elsewhere} now: {{measure.port}} goes on there."
+        return (
+            f"{fault_words} Its adapter is at {news.elsewhere} now: {{measure.port}} goes on there."
+        )
     if news.fault.kind is FaultKind.DISCONNECTED:
-        return f"{lost} If it comes back under another name, {{measure.port}} chooses it."
-    return lost
+        return f"{fault_words} If it comes back under another name, {{measure.port}} chooses it."
+    return fault_words
 
 
 def other_adapter_text(name: str, before: str, now: str) -> str:
@@ -289,7 +291,8 @@ def port_question(name: str, *, none: bool) -> str:
 
 def port_choices(ports: Sequence[tuple[str, str, bool]], adapter: str) -> list[tuple[str, str]]:
     """Ports with what the system says of them; the one of the same ``adapter`` is named."""
-    named = f", the same adapter, no. {adapter}"
+    suffix = f", the same adapter, no. {adapter}"
     return [
-        (port, f"{port}  {words}{named if same else ''}".rstrip()) for port, words, same in ports
+        (port, f"{port}  {words}{suffix if is_same else ''}".rstrip())
+        for port, words, is_same in ports
     ]

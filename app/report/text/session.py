@@ -69,12 +69,12 @@ def mdi_line(step: Step, machine: Machine, lift_mm: float = 0.0) -> str:
 def progress_text(session: Session, steps: Sequence[Step], mode: str) -> str:
     """Where the session stands, in one line; ``mode`` is the word for who takes the readings."""
     opened = session.opened
-    done = len(session.done() | session.skipped.keys())
+    count = len(session.done() | session.skipped.keys())
     name = opened.procedure.name if opened.procedure else ""
     seconds = opened.procedure.seconds_per_step if opened.procedure else 0.0
-    remaining_s = round((len(steps) - done) * seconds)
+    remaining_s = round((len(steps) - count) * seconds)
     return (
-        f"{opened.machine.name} · {name} · {mode}   {done} of {len(steps)} steps done, "
+        f"{opened.machine.name} · {name} · {mode}   {count} of {len(steps)} steps done, "
         f"{remaining_s // 60:02d}:{remaining_s % 60:02d} left"
     )
 
@@ -90,7 +90,10 @@ def taken_text(step_taken: TakenStep) -> str:
 def not_taken_text(faults: Sequence[Fault]) -> str:
     """Why readings of a step were not taken."""
     first, *more_faults = (sentence(fault.words) for fault in faults)
-    words = [first, *(more[0].upper() + more[1:] for more in more_faults)]
+    words = [
+        first,
+        *(words_of_fault[0].upper() + words_of_fault[1:] for words_of_fault in more_faults),
+    ]
     return f"Not taken: {' '.join(words)}"
 
 
@@ -175,8 +178,8 @@ def step_text(step: Step, session: Session, by: TakenBy = TakenBy.HAND) -> str:
         lines[1] = f"Lift off by {plate.lift_mm:g} mm, go above the position, come down; take."
         lines.insert(2, mdi_line(step, machine, plate.lift_mm))
     if session.is_new_place(step) or not session.was_read(step):
-        read = zip(step.axes, step.indicators, strict=True)
-        axes = " and ".join(f"{axis.upper()} ({k + 1})" for axis, k in read)
+        axis_numbers = zip(step.axes, step.indicators, strict=True)
+        axes = " and ".join(f"{axis.upper()} ({k + 1})" for axis, k in axis_numbers)
         first = f"indicators on leg {leg} along {axes}, {_from_tool_end(step, geometry)}"
         if step.over_plane:
             first = f"stand on the plane under leg {leg}, indicator along {axes}"
@@ -230,8 +233,8 @@ def leg_table_text(
     """
     measured = [level for row in rows for level in row.minus_zero_mm]
     levels = [v for v in dict.fromkeys([*levels_mm, *measured]) if v or over_plane]
-    what = "far − near" if over_plane else "minus Zero"
-    heading = f"{what:<11}" + "".join(f"{posture_name(v, geometry):>8}" for v in levels)
+    quantity = "far − near" if over_plane else "minus Zero"
+    heading = f"{quantity:<11}" + "".join(f"{posture_name(v, geometry):>8}" for v in levels)
     marked = " *kept" if any(row.kept_mm for row in rows) else ""
     lines = [heading + f"{'back at Zero':>13}" + marked]
     for row in rows:
@@ -348,10 +351,10 @@ def step_in_list(step: Step, geometry: Geometry, visit: str) -> str:
 
 def paused_text(guided: GuidedSession, *, headless: bool = False) -> str:
     """How much of a session that was left is measured, and the command that continues it."""
-    done, steps = len(guided.session.done()), len(guided.steps)
+    count, steps = len(guided.session.done()), len(guided.steps)
     command = continue_command(guided.path, guided.motion, headless=headless)
     return (
-        f"Session paused after {done} of {steps} steps; every reading taken is on the disk. "
+        f"Session paused after {count} of {steps} steps; every reading taken is on the disk. "
         f"Continue with: {command}"
     )
 

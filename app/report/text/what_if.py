@@ -76,10 +76,10 @@ def heading_text(choice: Choice, trial: Trial, model: Path | None) -> str:
     """What is tried, on which readings, beside what."""
     beside = [f"model {model.name}"] if model else []
     beside += [f"{entry.id} ({entry.where})" for entry in choice.beside]
-    what = f"{choice.entry.id} ({choice.entry.where})"
+    subject = f"{choice.entry.id} ({choice.entry.where})"
     names = ", ".join(session.name for session in trial.sessions)
     beside_words = f"   beside: {', '.join(beside)}" if beside else ""
-    return f"What if {what}   {names}{beside_words}"
+    return f"What if {subject}   {names}{beside_words}"
 
 
 def doubt_text(choice: Choice, *, mistakes: bool) -> str:

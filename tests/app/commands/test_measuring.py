@@ -302,7 +302,7 @@ def test_set_up_after_set_up_until_the_bound_is_reached(
     assert "postures in" in message
     assert len(measured) == 1
     assert f"glidecal run --headless --continue {plan.path}" in message
-    measuring.measured_until(plan, 0.009, headless=True, done=True)
+    measuring.measured_until(plan, 0.009, headless=True, is_complete=True)
     message = " ".join(capsys.readouterr().err.split())
     assert "That is within the 0.009 mm asked for" in message
     assert 2 <= len(measured) <= 3

@@ -59,10 +59,10 @@ def pythons() -> dict[tuple[int, ...], str]:
     script = "import ensurepip, sys, venv; print(*sys.version_info[:2])"
     interpreters = {}
     for candidate in (str(path) for path in candidates if path):
-        done = subprocess.run(
+        process = subprocess.run(
             [candidate, "-c", script], capture_output=True, text=True, check=False
         )
-        version = tuple(map(int, done.stdout.split())) if done.returncode == 0 else ()
+        version = tuple(map(int, process.stdout.split())) if process.returncode == 0 else ()
         if version >= LEAST_PYTHON:
             interpreters[version] = candidate
     return interpreters
@@ -72,7 +72,7 @@ def run(*words: str | Path, cwd: Path, may_warn: bool = False) -> str:
     """Its output. Ends the program, with what was printed, where it fails or warns."""
     command = [str(word) for word in words]
     environment = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
-    done = subprocess.run(
+    process = subprocess.run(
         command,
         cwd=cwd,
         env=environment,
@@ -81,10 +81,10 @@ def run(*words: str | Path, cwd: Path, may_warn: bool = False) -> str:
         timeout=PATIENCE_S,
         check=False,
     )
-    if done.returncode or ("Warning: " in done.stderr and not may_warn):
-        print(done.stdout[-5000:], done.stderr[-5000:], sep="\n")
-        sys.exit(f"ends: exit status {done.returncode}: {' '.join(command)}")
-    return done.stdout
+    if process.returncode or ("Warning: " in process.stderr and not may_warn):
+        print(process.stdout[-5000:], process.stderr[-5000:], sep="\n")
+        sys.exit(f"ends: exit status {process.returncode}: {' '.join(command)}")
+    return process.stdout
 
 
 def build(folder: Path) -> Path:

@@ -116,8 +116,8 @@ def test_the_printer_is_a_better_one(walked: tuple[Path, str]) -> None:
     folder, _ = walked
     now, then = true.BELIEVED, true.klipper((folder / "calib.cfg").read_text(encoding="utf-8"))
     contacts = read_record(folder / "printer.jsonl").session.all_readings
-    met = [np.array(contact.position_mm) - (0.0, 0.0, contact.value_mm) for contact in contacts]
-    peers = [fitted(met, factors, true.ENDSTOPS) for factors in (6, 9)]
+    points = [np.array(contact.position_mm) - (0.0, 0.0, contact.value_mm) for contact in contacts]
+    peers = [fitted(points, factors, true.ENDSTOPS) for factors in (6, 9)]
     before, *residuals, ours = (
         true.rms(true.errors(SAMPLE_HIDDEN, firmware)) for firmware in (now, *peers, then)
     )
@@ -170,8 +170,8 @@ def test_before_and_after_are_compared_though_the_firmware_holds_other_values(
 
 def test_a_replay_of_contacts_speaks_of_a_plate(walked: tuple[Path, str]) -> None:
     session = read_record(walked[0] / "printer.jsonl").session
-    met = session.readings[0]
-    step = Step(1, "tool", 0.0, 1, 0.0, ("z",), met.position_mm)
+    reading = session.readings[0]
+    step = Step(1, "tool", 0.0, 1, 0.0, ("z",), reading.position_mm)
     text = step_text(step, replace(session, readings=()))
     assert "First, at Zero: the tool, or a probe beside it, comes down on the plate." in text
     assert "TOOL   (0, 0, 2.3625) mm" in text

@@ -21,9 +21,9 @@ def test_every_promise_names_tests_that_exist() -> None:
     assert len(promises()) > 90
     for row in promises():
         parts = row["tests"].split(", ")
-        named = [match for part in parts if (match := NAMED.fullmatch(part))]
-        assert len(named) == len(parts), row
-        for path, function in (reference.groups() for reference in named):
+        matches = [match for part in parts if (match := NAMED.fullmatch(part))]
+        assert len(matches) == len(parts), row
+        for path, function in (reference.groups() for reference in matches):
             tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
             functions = {n.name for n in tree.body if isinstance(n, ast.FunctionDef)}
             functions |= {n.name for n in tree.body if isinstance(n, ast.AsyncFunctionDef)}

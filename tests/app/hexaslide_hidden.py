@@ -28,7 +28,7 @@ def machine_file() -> HexaSlideMachine:
 
 def hidden_session(
     path: Path,
-    what: Hidden,
+    cause: Hidden,
     machine: int = 22,
     take: int = 0,
     kind: str = "position",
@@ -40,7 +40,7 @@ def hidden_session(
     """
     file = machine_file()
     true = Plain(file, np.random.default_rng(machine))
-    readings = measured(true, file, kind, what, np.random.default_rng([machine, take]))
+    readings = measured(true, file, kind, cause, np.random.default_rng([machine, take]))
     return written(path, file, readings, count)
 
 

@@ -55,11 +55,11 @@ def test_solving_a_path_or_a_session_is_what_the_command_says() -> None:
 
 @LONG
 def test_a_set_is_a_view_beside_the_same_correction() -> None:
-    view, chosen = glidecal.solve(SESSION, subset="leg-lengths"), glidecal.solve(SESSION)
+    view, solution = glidecal.solve(SESSION, subset="leg-lengths"), glidecal.solve(SESSION)
     assert view.solution.subset == "leg-lengths"
-    assert chosen.solution.subset == chosen.choice.usual
+    assert solution.solution.subset == solution.choice.usual
     assert not view.is_worked_out  # the correction takes time only where it is asked for
-    assert view.correction.values == chosen.correction.values  # whatever set is viewed
+    assert view.correction.values == solution.correction.values  # whatever set is viewed
 
 
 def test_tables_of_a_solution_are_its_numbers() -> None:

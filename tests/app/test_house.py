@@ -21,10 +21,10 @@ ROOMS = ("app", "calib", "drivers", "protocols")
 def imported(code: str) -> set[str]:
     """Top-level names of the modules that a fresh interpreter holds after this code."""
     script = f"{code}\nimport sys\nprint(*{{name.split('.')[0] for name in sys.modules}})"
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=600
     )
-    return set(done.stdout.split())
+    return set(process.stdout.split())
 
 
 def modules(room: str) -> str:
@@ -77,12 +77,13 @@ try:
 except SystemExit as end:
     print(end.code, *{{"numpy", "scipy", "textual"}} & {{*sys.modules}})
 """
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=600
     )
-    assert done.stdout.split() == ["3"]
+    assert process.stdout.split() == ["3"]
     assert (
-        f"file {arguments[-1] if arguments[0] == 'run' else arguments[1]}: No such" in done.stderr
+        f"file {arguments[-1] if arguments[0] == 'run' else arguments[1]}: No such"
+        in process.stderr
     )
 
 
@@ -108,10 +109,10 @@ atexit.register(lambda: print(*sys.modules, file=sys.stderr))
 sys.argv = ["glidecal", *{words!r}]
 main()
 """
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=600
     )
-    loaded = done.stderr.splitlines()[-1].split()
+    loaded = process.stderr.splitlines()[-1].split()
     assert "calib.design.identifiability" in loaded
     assert not [name for name in loaded if name.startswith(f"calib.{other_machine}")]
     if "solve" in words:  # nobody asked for a model or a diagnosis; a tripod's bound weighs effects

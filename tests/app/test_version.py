@@ -22,10 +22,10 @@ NAME = ("-c", "user.name=a", "-c", "user.email=a@b")
 def git(folder: Path, *words: str) -> str:
     if not shutil.which("git"):
         pytest.skip("no git")
-    done = subprocess.run(
+    process = subprocess.run(
         ["git", "-C", str(folder), *NAME, *words], capture_output=True, text=True, check=True
     )
-    return done.stdout.strip()
+    return process.stdout.strip()
 
 
 @pytest.fixture

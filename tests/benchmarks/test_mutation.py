@@ -48,8 +48,8 @@ def test_an_error_meets_the_tests_that_reach_its_line_then_those_beside(
     tests: LineTests, line: int, limit_s: float, expected: list[str]
 ) -> None:
     mutant = Mutant("calib/stats.py", line, 0, "core/AddNot", 0)
-    chosen = tests.of(mutant, limit_s)
-    assert [name.partition("::")[2] for name in chosen] == expected
+    tests_of_mutant = tests.of(mutant, limit_s)
+    assert [name.partition("::")[2] for name in tests_of_mutant] == expected
     assert tests.of(Mutant("calib/other.py", 1, 0, "core/AddNot", 0), limit_s) == []
 
 

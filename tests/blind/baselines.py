@@ -82,22 +82,22 @@ def best_r2(problem: Problem) -> set[str]:
 
 def stepwise_bic(problem: Problem) -> set[str]:
     """Candidates added one at a time as long as BIC falls."""
-    chosen: list[int] = []
-    least = _bic(problem, chosen)
-    while len(chosen) < MOST_NAMES:
-        scores = {k: _bic(problem, [*chosen, k]) for k in range(len(problem.spans))}
+    subset: list[int] = []
+    least = _bic(problem, subset)
+    while len(subset) < MOST_NAMES:
+        scores = {k: _bic(problem, [*subset, k]) for k in range(len(problem.spans))}
         best = min(scores, key=scores.__getitem__)
         if scores[best] >= least - 1e-9:
             break
-        chosen, least = [*chosen, best], scores[best]
-    return {problem.candidates[k].id for k in chosen}
+        subset, least = [*subset, best], scores[best]
+    return {problem.candidates[k].id for k in subset}
 
 
-def _bic(problem: Problem, chosen: list[int]) -> float:
+def _bic(problem: Problem, subset: list[int]) -> float:
     n = len(problem.residual)
     squares, used = float(np.sum(problem.residual**2)), 0
-    if chosen:
-        design = np.column_stack([problem.spans[k] for k in chosen])
+    if subset:
+        design = np.column_stack([problem.spans[k] for k in subset])
         answer, _, rank, _ = np.linalg.lstsq(design, problem.residual, rcond=1e-6)
         squares, used = float(np.sum((problem.residual - design @ answer) ** 2)), int(rank)
     return float(n * np.log(squares / n) + np.log(n) * (problem.fixed + used))

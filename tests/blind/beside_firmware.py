@@ -50,8 +50,8 @@ def main() -> None:
             random = np.random.default_rng([options.seed, k, len(name)])
             parts = make(random)
             before = random.bit_generator.state
-            met = np.array(contacts(parts, random))[:, 2].reshape(CYCLES, -1).mean(axis=0)
-            limits.append([knowledge.left_mm(parts, met) for knowledge in knowing])
+            contacts_mm = np.array(contacts(parts, random))[:, 2].reshape(CYCLES, -1).mean(axis=0)
+            limits.append([knowledge.left_mm(parts, contacts_mm) for knowledge in knowing])
             random.bit_generator.state = before
             with tempfile.TemporaryDirectory() as folder:
                 results.append(calibrated(parts, random, Path(folder)))

@@ -59,7 +59,7 @@ def row_of(
 
     A diagnosis that fails, even by a defect, is a row of its own and does not end the run.
     """
-    start, used = time.perf_counter(), time.process_time()
+    start, cpu_s = time.perf_counter(), time.process_time()
     try:
         summary = extract(diagnose(session, without, also) if also else diagnose(session, without))
     except CannotLeaveOut:
@@ -67,7 +67,7 @@ def row_of(
     except Exception as problem:
         text = f"{type(problem).__name__}: {problem}"[:300]
         summary = {"verdict": "error", "effects": [], "error": text}
-    seconds = {"seconds": time.perf_counter() - start, "cpu_s": time.process_time() - used}
+    seconds = {"seconds": time.perf_counter() - start, "cpu_s": time.process_time() - cpu_s}
     return {**summary, **{name: round(value, 4) for name, value in seconds.items()}}
 
 

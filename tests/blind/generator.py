@@ -204,8 +204,8 @@ def drawn_place(effect: str, rng: np.random.Generator) -> Candidate:
     together = [c for c in variants if c.where == "all"]
     if effect in ("thermal_drift", "gravity_sag"):
         single, together = (together, single) if rng.random() < 0.5 else (single, together)
-    chosen = together if not single or (together and rng.random() < 0.2) else single
-    return chosen[int(rng.integers(len(chosen)))]
+    places = together if not single or (together and rng.random() < 0.2) else single
+    return places[int(rng.integers(len(places)))]
 
 
 def place_share(candidate: Candidate) -> float:

@@ -119,31 +119,31 @@ def hidden(chance: np.random.Generator, count: int) -> Hidden:
     return Hidden(cause, int(chance.integers(places)), size, float(chance.uniform(0, 2 * np.pi)))
 
 
-def moved(true: Plain, goal: Array, what: Hidden) -> Array:
+def moved(true: Plain, goal: Array, cause: Hidden) -> Array:
     """How far carriages are from where sliders ``(p, 6)`` say ``(p, 6, 3)``."""
     shift = np.zeros((*goal.shape, 3))
-    k, size = min(what.place, 5), what.size
+    k, size = min(cause.place, 5), cause.size
     rail, way = true.rail[k], goal[:, k] - goal[:, k].mean()
     side = np.cross(rail, [0.0, 0.0, 1.0])
     side = side / np.linalg.norm(side)
-    bowed = np.cos(what.angle) * side + np.sin(what.angle) * np.cross(rail, side)
+    bowed = np.cos(cause.angle) * side + np.sin(cause.angle) * np.cross(rail, side)
     ways = np.sign(np.diff(goal[:, k], prepend=goal[0, k] - 1.0))
     of_rail = {
         "rail_scale": np.outer(size * way, rail),
         "backlash": np.outer(0.5 * size * ways, rail),
-        "rail_wave": np.outer(size * np.sin(2 * np.pi * goal[:, k] / LEAD_M + what.angle), rail),
+        "rail_wave": np.outer(size * np.sin(2 * np.pi * goal[:, k] / LEAD_M + cause.angle), rail),
         "straightness": np.outer(size * (way / 0.5) ** 2, bowed),
     }
-    if what.cause in of_rail:
-        shift[:, k] = of_rail[what.cause]
-    elif what.cause == "thermal_growth":
+    if cause.cause in of_rail:
+        shift[:, k] = of_rail[cause.cause]
+    elif cause.cause == "thermal_growth":
         share = np.linspace(0.0, 1.0, len(goal))[:, None, None]
         shift = size * share * goal[:, :, None] * true.rail
     return shift
 
 
 def measured(
-    true: Plain, file: HexaSlideMachine, kind: str, what: Hidden, chance: np.random.Generator
+    true: Plain, file: HexaSlideMachine, kind: str, cause: Hidden, chance: np.random.Generator
 ) -> Readings:
     """What a controller commands or shows, and what is measured."""
     count, linked = POSTURES[kind], kind == "constraint-link"
@@ -153,9 +153,9 @@ def measured(
     if linked:
         targets = np.array([on_link(true, posture) for posture in targets])
     goal = np.array([(true if linked else nominal).sliders(posture) for posture in targets])
-    shift, offset = moved(true, goal, what), np.zeros(6)
-    k, size = what.place, what.size
-    if what.cause == "joint_offset":
+    shift, offset = moved(true, goal, cause), np.zeros(6)
+    k, size = cause.place, cause.size
+    if cause.cause == "joint_offset":
         offset[k] = size
     stands, encoder = [], goal.copy()
     for row, near in enumerate(targets):
@@ -171,7 +171,7 @@ def measured(
         values = np.array(stands)[:, : 3 if kind == "position" else 6]
         noise = np.array([NOISE_M] * 3 + [NOISE_RAD] * 3)[: values.shape[1]]
         values = values + noise * chance.standard_normal(values.shape)
-    if what.cause == "wrong_posture":
+    if cause.cause == "wrong_posture":
         spoilt = encoder if linked else values
         spoilt[k, int(chance.integers(spoilt.shape[1] if linked else 3))] += size
     return Readings(Procedure.of(kind), encoder, values, NOISE_M, NOISE_RAD)
@@ -192,10 +192,10 @@ def case(kind: str, seed: int) -> tuple[Hidden, HexaSlideDiagnosis]:
     """One hidden machine, diagnosed."""
     chance = np.random.default_rng(seed)
     file = load_hexaslide()
-    what = hidden(chance, POSTURES[kind])
-    readings = measured(Plain(file, chance), file, kind, what, chance)
+    cause = hidden(chance, POSTURES[kind])
+    readings = measured(Plain(file, chance), file, kind, cause, chance)
     tolerances = file.tolerances.of(readings.procedure.parameters)
-    return what, diagnosed(readings, file.whole(), tolerances, LEAD_M)
+    return cause, diagnosed(readings, file.whole(), tolerances, LEAD_M)
 
 
 def main(count: int) -> None:
@@ -208,11 +208,11 @@ def main(count: int) -> None:
         score: Counter[str] = Counter()
         for seed in range(count):
             what, diagnosis = case(kind, seed)
-            named = tuple(sorted(cause for claim in diagnosis.named for cause in claim.causes))
+            causes = tuple(sorted(cause for claim in diagnosis.named for cause in claim.causes))
             inside = what.truth in {claim.causes for claim in diagnosis.claims}
-            wrong = bool(set(named) - set(what.truth)) and diagnosis.verdict == "explained"
+            wrong = bool(set(causes) - set(what.truth)) and diagnosis.verdict == "explained"
             score["inside"] += inside
-            score["right"] += what.cause is not None and named == what.truth
+            score["right"] += what.cause is not None and causes == what.truth
             score["hidden"] += what.cause is not None
             score["wrong"] += wrong and what.cause is not None
             score["nothing"] += wrong and what.cause is None

@@ -40,7 +40,7 @@ class Remaining:
 
 
 def off_mm(
-    entered: HexaSlide, true: Plain, what: Hidden, middle: Array, free: tuple[str, ...]
+    entered: HexaSlide, true: Plain, cause: Hidden, middle: Array, free: tuple[str, ...]
 ) -> float:
     """Truly over the box, frames that no reading shows laid over; ``middle`` ``(6,)`` is that of
     the sliders when the cause was measured.
@@ -49,18 +49,18 @@ def off_mm(
     aims = chance.uniform(entered.box.lower, entered.box.upper, (PLACES, 6))
     goal = np.asarray(inverse(entered.geometry, aims))
     around = goal - goal.mean(axis=0) + middle  # moved takes a cause about the mean
-    shift = moved(true, goal, what)
-    if what.cause in ("rail_scale", "straightness"):
-        shift = moved(true, np.vstack([goal, goal + 2.0 * (around - goal)]), what)[:PLACES]
-    if what.cause == "backlash":  # a place is come to from either side
+    shift = moved(true, goal, cause)
+    if cause.cause in ("rail_scale", "straightness"):
+        shift = moved(true, np.vstack([goal, goal + 2.0 * (around - goal)]), cause)[:PLACES]
+    if cause.cause == "backlash":  # a place is come to from either side
         shift = np.zeros_like(shift)
-        half = 0.5 * what.size * chance.choice([-1.0, 1.0], PLACES)
-        shift[:, what.place] = half[:, None] * true.rail[what.place]
-    if what.cause == "thermal_growth":  # as warm as in the middle of the session
-        shift = 0.5 * what.size * goal[:, :, None] * true.rail
+        half = 0.5 * cause.size * chance.choice([-1.0, 1.0], PLACES)
+        shift[:, cause.place] = half[:, None] * true.rail[cause.place]
+    if cause.cause == "thermal_growth":  # as warm as in the middle of the session
+        shift = 0.5 * cause.size * goal[:, :, None] * true.rail
     offset = np.zeros(6)
-    if what.cause == "joint_offset":
-        offset[what.place] = what.size
+    if cause.cause == "joint_offset":
+        offset[cause.place] = cause.size
     stands = [
         fsolve(true.off, aim, (true.start + at[:, None] * true.rail + off, offset), xtol=1e-12)
         for aim, at, off in zip(aims, goal, shift, strict=True)
@@ -68,14 +68,14 @@ def off_mm(
     return 1000.0 * frames_apart(aims, np.array(stands), free).places_rms_m
 
 
-def remaining(kind: str, seed: int, what: Hidden | None = None) -> Remaining:
-    """One hidden machine, measured and corrected; ``what`` is hidden, None: by chance."""
+def remaining(kind: str, seed: int, cause: Hidden | None = None) -> Remaining:
+    """One hidden machine, measured and corrected; ``cause`` is hidden, None: by chance."""
     chance = np.random.default_rng(SEEDS + seed)
     file = load_hexaslide()
-    what = what or hidden(chance, POSTURES[kind])
+    cause = cause or hidden(chance, POSTURES[kind])
     true, nominal = Plain(file, chance), file.whole()
     same_noise = deepcopy(chance)
-    readings = measured(true, file, kind, what, chance)
+    readings = measured(true, file, kind, cause, chance)
     middle = readings.sliders.mean(axis=0)
     tolerances = file.tolerances.of(readings.procedure.parameters)
     plain = calibrate(readings, nominal)
@@ -86,12 +86,12 @@ def remaining(kind: str, seed: int, what: Hidden | None = None) -> Remaining:
     free = plain.unidentifiable
     law = calibrate(measured(true, file, kind, Hidden(None), same_noise), nominal)
     plain_mm, entered_mm, law_mm = (
-        off_mm(machine, true, what, middle, free)
+        off_mm(machine, true, cause, middle, free)
         for machine in (plain.machine, correction.machine, law.machine)
     )
     bound_m = correction.platform.bound_m
     bound_mm = np.inf if bound_m is None else 1000.0 * bound_m
-    return Remaining(what.cause or "nothing", plain_mm, entered_mm, law_mm, bound_mm)
+    return Remaining(cause.cause or "nothing", plain_mm, entered_mm, law_mm, bound_mm)
 
 
 def main(count: int) -> None:

@@ -116,7 +116,7 @@ class Judge:
     def _likely(self, models: Sequence[Model]) -> list[Model]:
         """By the evidence of all of them with derivatives of the machine without effects."""
         columns = self._columns
-        left = self._values - readings(self._session.rows, columns.hidden)
+        residual = self._values - readings(self._session.rows, columns.hidden)
         base = columns.base[:, : len(BASE)]
         zeros = np.linalg.qr(columns.base[:, len(BASE) :])[0]
         wide = base * (self._spread / self._session.noise_mm)
@@ -127,7 +127,7 @@ class Judge:
             inside = (values - zeros @ (zeros.T @ values)) / self._session.noise_mm
             return np.asarray(inside + vectors @ (shrink * (vectors.T @ inside)))
 
-        seen = white((left + base @ self._start)[:, None])[:, 0]
+        seen = white((residual + base @ self._start)[:, None])[:, 0]
         shapes = {c: white(columns.raw(c)) * self._sizes[c] for c in self._sizes}
         logs = []
         for model in models:

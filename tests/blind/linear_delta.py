@@ -110,9 +110,9 @@ def contacts(
     """A table of contacts with the plate: where the controller was as the tool met it."""
     generator = np.random.default_rng(seed)
     lines = ["x_mm,y_mm,z_mm,height_mm,cycle"]
-    met = {place[:2].tobytes(): touched(hidden, place[:2]) for _, place in places(1)}
+    heights = {place[:2].tobytes(): touched(hidden, place[:2]) for _, place in places(1)}
     for cycle, place in places(cycles):
-        x, y, z = met[place[:2].tobytes()]
+        x, y, z = heights[place[:2].tobytes()]
         z += generator.normal(scale=scatter_mm)
         lines.append(f"{x:.3f},{y:.3f},{z:.{decimals}f},0,{cycle}")
     return "\n".join(lines) + "\n"

@@ -132,7 +132,7 @@ def legs_exchanged(procedure: str, rng: np.random.Generator) -> Session:
     rows, values = taken(procedure, hidden, rng)
     a, b = rng.choice(3, 2, replace=False).tolist()
     crossed = bool(rng.integers(2))
-    written = values.copy()
+    values_changed = values.copy()
     for station in np.unique(rows.station):
         tables: dict[tuple[int, int], Any] = {}
         for leg, second in ((a, b), (b, a)):
@@ -146,8 +146,10 @@ def legs_exchanged(procedure: str, rng: np.random.Generator) -> Session:
             }
         for k in range(2):
             here, there = tables[a, k], tables[b, 1 - k if crossed else k]
-            written[here], written[there] = values[there], values[here]
-    return plain(rows, written, hidden, f"legs_exchanged:{LETTERS[min(a, b)]},{LETTERS[max(a, b)]}")
+            values_changed[here], values_changed[there] = values[there], values[here]
+    return plain(
+        rows, values_changed, hidden, f"legs_exchanged:{LETTERS[min(a, b)]},{LETTERS[max(a, b)]}"
+    )
 
 
 def postures_exchanged(procedure: str, rng: np.random.Generator) -> Session:
@@ -159,17 +161,17 @@ def postures_exchanged(procedure: str, rng: np.random.Generator) -> Session:
     here = (rows.leg == leg) & (rows.station == rng.choice(np.unique(rows.station)))
     if rng.integers(2):
         here &= rows.cycle == cycle
-    written = values.copy()
+    values_changed = values.copy()
     for axis in range(3):
         for number in range(1, int(rows.cycle.max()) + 1):
             mine = here & (rows.axis == axis) & (rows.cycle == number)
             first, two = (np.flatnonzero(mine & (rows.displacement_mm == d)) for d in (a, b))
             count = min(len(first), len(two))
-            written[first[:count]], written[two[:count]] = (
+            values_changed[first[:count]], values_changed[two[:count]] = (
                 values[two[:count]],
                 values[first[:count]],
             )
-    return plain(rows, written, hidden, f"postures_exchanged:{LETTERS[leg]}")
+    return plain(rows, values_changed, hidden, f"postures_exchanged:{LETTERS[leg]}")
 
 
 def within_play(procedure: str, rng: np.random.Generator) -> Session:

@@ -146,9 +146,9 @@ def estimates(rows: FloatArray, deviation: FloatArray) -> list[tuple[FloatArray,
     """Maps from what is shown to parts, and whether other entries follow what has none."""
     maps = []
     for count in (6, 9):
-        chosen = factors(count)
-        inverse = np.linalg.pinv(rows @ chosen / deviation[:, None])
-        maps.append((chosen @ (inverse / deviation), False))
+        factors_of_count = factors(count)
+        inverse = np.linalg.pinv(rows @ factors_of_count / deviation[:, None])
+        maps.append((factors_of_count @ (inverse / deviation), False))
     prior = np.diag(TOLERANCE**2)
     for alike in (slice(3, 6), slice(6, 9)):
         prior[alike, alike] *= np.eye(3)
@@ -188,8 +188,8 @@ def main() -> None:
                 squares = []
                 for _ in range(count):
                     hidden = values_of(make(random))
-                    read = rows @ hidden + deviation * random.normal(size=len(rows))
-                    entered = estimate @ read
+                    readings = rows @ hidden + deviation * random.normal(size=len(rows))
+                    entered = estimate @ readings
                     off = moved @ (hidden - (follow @ entered if follows else entered * HELD))
                     squares.append([off @ off, off @ off - (TURN @ off) ** 2])
                 zero, turned = np.sqrt(np.mean(squares, axis=0) / len(GRID))

@@ -184,7 +184,7 @@ def contacts(
 
 
 def fitted(
-    met: list[FloatArray],
+    points: list[FloatArray],
     factors: int,
     stops_mm: Sequence[float] = (STOP,) * 3,
     *,
@@ -194,7 +194,7 @@ def fitted(
 ) -> Firmware:
     """The peers' least squares: a machine with which all contacts are at height 0."""
     controller = firmware(np.array(stops_mm), radius_mm, angles_deg, bar_mm)
-    below = np.array([controller(place) for place in met])
+    below = np.array([controller(place) for place in points])
 
     def values(v: FloatArray) -> tuple[FloatArray, float, FloatArray, float]:
         angles = angles_deg + np.array([v[4], v[5], 0.0])
@@ -205,7 +205,7 @@ def fitted(
         joints = np.zeros((len(below), 3, 3))
         joints[..., :2] = radius * outward(angles)
         joints[..., 2] = stops + math.sqrt(bar**2 - radius**2) - below
-        place = np.array(met)
+        place = np.array(points)
         for _ in range(8):
             way = place[:, None] - joints
             residual = (way**2).sum(axis=2) - bar**2
@@ -277,8 +277,11 @@ def calibrated(
     cycles: int = CYCLES,
 ) -> Result:
     """One printer through `import`, `export` and the firmware's formulas; ``stated`` of it."""
-    met = contacts(parts, random, places, cycles)
-    rows = [f"{x:.4f},{y:.4f},{z:.5f},0,{k // len(places) + 1}" for k, (x, y, z) in enumerate(met)]
+    contacts_mm = contacts(parts, random, places, cycles)
+    rows = [
+        f"{x:.4f},{y:.4f},{z:.5f},0,{k // len(places) + 1}"
+        for k, (x, y, z) in enumerate(contacts_mm)
+    ]
     table, machine_file, session, out = (
         folder / name for name in ("t.csv", "m.toml", "s.jsonl", "out.cfg")
     )
@@ -297,7 +300,10 @@ def calibrated(
     )
     ours = klipper(text)
     zero = parts.tool(ours(np.zeros(3)))[2] - parts.tool(BELIEVED(np.zeros(3)))[2]
-    errors_mm = [errors(parts, run) for run in (BELIEVED, fitted(met, 6), fitted(met, 9), ours)]
+    errors_mm = [
+        errors(parts, run)
+        for run in (BELIEVED, fitted(contacts_mm, 6), fitted(contacts_mm, 9), ours)
+    ]
     touched = rms(errors_mm[-1] - errors_mm[-1].mean(axis=0))
     turned = np.array([turn_free(error) for error in errors_mm])
     before, six, nine, after = map(rms, errors_mm)

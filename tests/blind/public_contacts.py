@@ -138,13 +138,13 @@ class Printer:
 
     def missed_mm(self, fit: Fit) -> FloatArray:
         """Of each contact ``(n,)``, by a fit of the others."""
-        missed = []
+        errors = []
         for number, contact in enumerate(self.contacts):
             others = [*self.contacts[:number], *self.contacts[number + 1 :]]
             run = fit(others)
             zero = np.mean([self.height_mm(run, place) for place in others])
-            missed.append(self.height_mm(run, contact) - zero)
-        return np.array(missed)
+            errors.append(self.height_mm(run, contact) - zero)
+        return np.array(errors)
 
 
 def rms(values: FloatArray) -> float:

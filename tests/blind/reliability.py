@@ -60,7 +60,7 @@ def brier(sessions: Sequence[Scored]) -> float | None:
     total = 0.0
     for session in sessions:
         listed = {name for name, _ in session.row.get("probabilities", ())}
-        missed = session.true_ids - listed
+        missed_ids = session.true_ids - listed
         total += sum((p - right) ** 2 for p, right in probabilities_and_truth(session))
-        total += len(missed)
+        total += len(missed_ids)
     return total / len(sessions) if sessions else None

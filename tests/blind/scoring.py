@@ -87,9 +87,9 @@ class Rate:
         return low, high
 
 
-def rate(chosen: Iterable[Scored], hit: Callable[[Scored], bool]) -> Rate:
+def rate(sessions: Iterable[Scored], hit: Callable[[Scored], bool]) -> Rate:
     """How many of these sessions are a hit."""
-    outcomes = [hit(item) for item in chosen]
+    outcomes = [hit(item) for item in sessions]
     return Rate(sum(outcomes), len(outcomes))
 
 
@@ -223,11 +223,11 @@ def places(hidden: Json) -> list[str]:
 def blunder_named(score: Scored) -> bool:
     """The mistake by its name and place, or as an alias beside one; a wild reading by any name."""
     mistakes = [effect for effect in score.named if effect["kind"] == "blunder"]
-    named = [(effect["id"], effect["where"]) for effect in mistakes]
-    named += [(alias, where) for effect in mistakes for alias, where in effect["also_at"]]
+    ids = [(effect["id"], effect["where"]) for effect in mistakes]
+    ids += [(alias, where) for effect in mistakes for alias, where in effect["also_at"]]
     allowed_names = ROWS_ALONE if score.truth["blunder"] == "wild" else (score.truth["blunder"],)
     right = score.truth["blunder_where"]
-    return any(name in allowed_names and same_place(where, right) for name, where in named)
+    return any(name in allowed_names and same_place(where, right) for name, where in ids)
 
 
 def blunder_claimed(score: Scored) -> bool:
@@ -241,20 +241,20 @@ def same_place(place: str, right: Sequence[str]) -> bool:
     return plain in right
 
 
-def shrunk(chosen: Iterable[Scored]) -> list[float]:
+def shrunk(sessions: Iterable[Scored]) -> list[float]:
     """Held-out gap left by the diagnosis over what the true model leaves."""
     return [
         score.row["held_out"]["after_rms_mm"] / score.truth["left_by_true_model_mm"]
-        for score in chosen
+        for score in sessions
         if (score.row.get("held_out") or {}).get("after_rms_mm") and score.named
     ]
 
 
-def coverage(chosen: Iterable[Scored]) -> Rate:
+def coverage(sessions: Iterable[Scored]) -> Rate:
     """Parameters of rightly named effects whose 95 % interval holds the truth."""
     outcomes = [
         inside
-        for score in chosen
+        for score in sessions
         for effect in score.named
         for truth in score.hidden
         if effect["id"] == truth["id"] and same_place(effect["where"], truth["where"])

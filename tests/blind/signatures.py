@@ -151,9 +151,9 @@ def left_out_rms(design: FloatArray, values: FloatArray, groups: Sequence[object
     basis, sizes, _ = np.linalg.svd(design / np.linalg.norm(design, axis=0), full_matrices=False)
     basis = basis[:, sizes > 1e-10 * sizes[0]]
     residual = values - basis @ (basis.T @ values)
-    missed = []
+    errors = []
     for key in set(groups) - {None}:
         rows = np.array([k for k, group in enumerate(groups) if group == key])
         inside = np.eye(len(rows)) - basis[rows] @ basis[rows].T
-        missed.append(np.linalg.lstsq(inside, residual[rows], rcond=1e-8)[0])
-    return float(np.sqrt(np.mean(np.concatenate(missed) ** 2)))
+        errors.append(np.linalg.lstsq(inside, residual[rows], rcond=1e-8)[0])
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))

@@ -352,30 +352,30 @@ def _probabilities(results: Told) -> str:
 
 
 def _split(
-    what: str, target: str, chosen: list[Scored], figure: Callable[[list[Scored]], str]
+    what: str, target: str, sessions: list[Scored], figure: Callable[[list[Scored]], str]
 ) -> str:
-    rich = [score for score in chosen if score.rich]
-    poor = [score for score in chosen if not score.rich]
+    rich = [score for score in sessions if score.rich]
+    poor = [score for score in sessions if not score.rich]
     return f"| {what} | {target} | {figure(rich)} | {figure(poor)} |"
 
 
-def _at_best(chosen: list[Scored]) -> str:
-    shares = [at_best(score) for score in chosen]
+def _at_best(sessions: list[Scored]) -> str:
+    shares = [at_best(score) for score in sessions]
     return f"{100 * sum(shares) / len(shares):.1f}" if shares else "–"
 
 
-def _coverage(chosen: list[Scored]) -> str:
-    return brief(coverage(chosen))
+def _coverage(sessions: list[Scored]) -> str:
+    return brief(coverage(sessions))
 
 
-def _held_out(chosen: list[Scored]) -> str:
-    values = shrunk(chosen)
+def _held_out(sessions: list[Scored]) -> str:
+    values = shrunk(sessions)
     return f"{percentiles(values)[0]:.3f} ({len(values)} sessions)" if values else "–"
 
 
-def _times(chosen: list[Scored]) -> str:
+def _times(sessions: list[Scored]) -> str:
     """Time of the processor: other programs may use the cores as well."""
-    median, high = percentiles([score.row["cpu_s"] for score in chosen])
+    median, high = percentiles([score.row["cpu_s"] for score in sessions])
     return f"{median:.2f} s, {high:.2f} s" if not math.isnan(median) else "–"
 
 
@@ -412,8 +412,8 @@ def _by_effect(results: Told) -> str:
     return _grid("Single effects, two-station and sweep", head, rows)
 
 
-def _percent(chosen: list[Scored], hit: Choice) -> str:
-    figure = rate(chosen, hit)
+def _percent(sessions: list[Scored], hit: Choice) -> str:
+    figure = rate(sessions, hit)
     return f"{100 * figure.share:.0f}" if figure.count else "–"
 
 
@@ -441,12 +441,12 @@ def _compared(common: list[Scored], answers: dict[str, set[str]]) -> list[str]:
     def right(score: Scored) -> bool:
         return answers[score.row["session"]] == score.true_ids
 
-    none = [o for o in common if o.cell == "none" and o.truth["noise"] != "wander"]
+    scored = [o for o in common if o.cell == "none" and o.truth["noise"] != "wander"]
     single = [o for o in common if o.cell == "single" and o.truth["strengths"][0] >= 1]
     pairs = [o for o in common if o.cell == "pair"]
     outside = [o for o in common if o.cell == "outside"]
     return [
-        brief(rate(none, names)),
+        brief(rate(scored, names)),
         brief(rate(single, right)),
         brief(rate(pairs, right)),
         brief(rate(outside, names)),

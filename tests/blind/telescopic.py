@@ -67,17 +67,17 @@ def drawn(kind: str, count: int, seed: int) -> tuple[Readings, Names]:
     return readings, ((cause, where),) if cause else ()
 
 
-def moved(read: Array, cause: str, leg: int, size: float) -> Array:
+def moved(readings: Array, cause: str, leg: int, size: float) -> Array:
     """What the drives do ``(p, 6)`` where they read this, metres."""
-    true = read.copy()
+    true = readings.copy()
     if cause == "leg_scale":
-        true[:, leg] += size * SCALE * (read[:, leg] - read[:, leg].mean())
+        true[:, leg] += size * SCALE * (readings[:, leg] - readings[:, leg].mean())
     elif cause == "leg_backlash":
-        ways = np.sign(np.diff(read[:, leg], prepend=read[0, leg] - 1.0))
+        ways = np.sign(np.diff(readings[:, leg], prepend=readings[0, leg] - 1.0))
         true[:, leg] += 0.5 * size * PLAY_M * ways
     elif cause == "thermal_growth":
-        grown = np.linspace(0.0, size * GROWTH, len(read))[:, None]
-        true += grown * (read + PLAIN.zero)
+        grown = np.linspace(0.0, size * GROWTH, len(readings))[:, None]
+        true += grown * (readings + PLAIN.zero)
     return true
 
 
@@ -87,13 +87,13 @@ def scored(kind: str, count: int, machines: int) -> Score:
     for seed in range(machines):
         readings, truth = drawn(kind, count, seed)
         diagnosis = diagnosed(readings, MACHINE, FILE.tolerances.of(readings.procedure.parameters))
-        named = {cause for claim in diagnosis.named for cause in claim.causes}
+        ids = {cause for claim in diagnosis.named for cause in claim.causes}
         score.machines += 1
         score.hidden += bool(truth)
         score.in_set += truth in [claim.causes for claim in diagnosis.claims]
-        score.named += bool(truth) and named == set(truth)
-        score.wrong += bool(truth) and not named <= set(truth)
-        score.on_nothing += not truth and bool(named)
+        score.named += bool(truth) and ids == set(truth)
+        score.wrong += bool(truth) and not ids <= set(truth)
+        score.on_nothing += not truth and bool(ids)
     return score
 
 

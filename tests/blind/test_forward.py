@@ -256,10 +256,10 @@ def test_left_out_groups_equal_refits_without_them() -> None:
     rng = np.random.default_rng(3)
     design, values = rng.normal(size=(20, 3)), rng.normal(size=20)
     groups = [k // 4 for k in range(20)]
-    missed: list[FloatArray] = []
+    errors: list[FloatArray] = []
     for group in range(5):
         out = np.array(groups) == group
         fit = np.linalg.lstsq(design[~out], values[~out], rcond=None)[0]
-        missed.append(values[out] - design[out] @ fit)
-    expected = float(np.sqrt(np.mean(np.concatenate(missed) ** 2)))
+        errors.append(values[out] - design[out] @ fit)
+    expected = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
     assert left_out_rms(design, values, groups) == pytest.approx(expected)

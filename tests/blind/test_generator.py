@@ -42,10 +42,10 @@ def test_the_strongest_of_each_effect_can_be_drawn(procedure: str) -> None:
 
 
 def test_what_is_too_strong_stands_in_no_case() -> None:
-    named = {(case.effects, case.strengths) for case in plan(0.001)}
+    pairs = {(case.effects, case.strengths) for case in plan(0.001)}
     for effect, strength in TOO_STRONG:
-        assert ((effect,), (strength,)) not in named
-        assert ((effect,), (strength / 2,)) in named
+        assert ((effect,), (strength,)) not in pairs
+        assert ((effect,), (strength / 2,)) in pairs
 
 
 def test_a_case_that_cannot_be_drawn_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

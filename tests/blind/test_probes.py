@@ -34,8 +34,8 @@ PERFECT = Parts.perfect()
 
 
 def heights(hidden: Hidden) -> FloatArray:
-    met = np.array([hidden.met(BELIEVED, across)[2] for across in RINGS])
-    return np.asarray(met - met[0])
+    heights = np.array([hidden.met(BELIEVED, across)[2] for across in RINGS])
+    return np.asarray(heights - heights[0])
 
 
 def probed() -> Conditions:
@@ -101,8 +101,8 @@ def test_a_bowed_plate_makes_no_export_worse_than_the_best_peer(
         hidden = Probed(make(random), BOWED[plate](random))
         results.append(calibrated(hidden, random, tmp_path, stated()))
     ours, six, nine = (
-        np.sqrt(np.mean([getattr(result, which) ** 2 for result in results]))
-        for which in ("ours", "six", "nine")
+        np.sqrt(np.mean([getattr(result, export) ** 2 for result in results]))
+        for export in ("ours", "six", "nine")
     )
     assert ours <= min(six, nine)
     assert all(result.touched <= result.bound for result in results)

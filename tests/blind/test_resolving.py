@@ -59,9 +59,9 @@ def test_the_same_machine_with_offsets_entered_and_a_load() -> None:
         mine = residual[further.rows.mount == mount]
         assert np.std(mine) < 3.0 * session.sigma_mm
     assert further.table.splitlines()[1].startswith("z,x,0,")
-    written = tomllib.loads(machine_text(again))
-    assert written["load"] == 2.0
-    assert written["entered_offsets_mm"] == offsets.tolist()
+    document = tomllib.loads(machine_text(again))
+    assert document["load"] == 2.0
+    assert document["entered_offsets_mm"] == offsets.tolist()
 
 
 @pytest.mark.parametrize(
@@ -128,9 +128,9 @@ def test_what_counts_as_resolved() -> None:
     stalemate = trial_of(FIRST, FIRST)
     assert not stalemate.resolved()
     assert not stalemate.single(2)
-    lost = trial_of(FIRST, document("explained", SCALE))
-    assert not lost.resolved()
-    assert lost.wrong()
+    trial = trial_of(FIRST, document("explained", SCALE))
+    assert not trial.resolved()
+    assert trial.wrong()
     rival = trial_of(FIRST, document("ambiguous", BACKLASH, also=(("leg_bow", "xy"),)))
     assert rival.resolved()
     assert not rival.single(1)

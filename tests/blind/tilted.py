@@ -278,7 +278,7 @@ def scores(count: int, seed: int, only: str | None = None) -> Iterator[Score]:
             source.write_text(text, encoding="utf-8")
             import_files([source], path, machine=str(file), resolution=0.001)
             diagnosis = diagnose_files([path]).diagnosis
-            names = [(named.id, named.where) for named in diagnosis.effects]
+            names = [(effect.id, effect.where) for effect in diagnosis.effects]
             for named in diagnosis.effects:
                 names += [(rival.id, rival.where) for rival in named.indistinguishable_from]
             right = diagnosis.verdict == "agrees"
@@ -300,10 +300,11 @@ def main() -> None:
         mine = [score for score in all_scores if score.shape == shape]
         hidden = [score for score in mine if score.effect]
         nothing = [score for score in mine if not score.effect]
-        named = [score for score in hidden if score.names]
+        with_names = [score for score in hidden if score.names]
         alone = [score for score in mine if score.verdict == "explained"]
         print(
-            f"{shape}: truth among the names {sum(s.right for s in named)} of {len(named)} named, "
+            f"{shape}: truth among the names {sum(s.right for s in with_names)} of "
+            f"{len(with_names)} named, "
             f"{len(hidden)} hidden; one wrong name alone {sum(not s.right for s in alone)} of "
             f"{len(mine)}; nothing hidden agrees {sum(s.right for s in nothing)} of {len(nothing)}"
         )

@@ -80,10 +80,10 @@ class Trial:
 
 def possible(document: Json) -> set[Name]:
     """Every name and place that a document leaves open."""
-    named = {(effect["id"], effect["where"]) for effect in document["effects"]}
+    ids = {(effect["id"], effect["where"]) for effect in document["effects"]}
     rivals = {
         (rival["id"], rival["where"])
         for effect in document["effects"]
         for rival in effect["indistinguishable_from"]
     }
-    return named | rivals
+    return ids | rivals

@@ -22,5 +22,7 @@ def test_parts_come_in_their_order() -> None:
 def test_a_search_on_a_cluster_finds_what_it_finds_here() -> None:
     pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
     words = [sys.executable, "-m", "tests.calib.cluster_search"]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
-    assert done.returncode == 0, done.stderr
+    process = subprocess.run(
+        words, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False
+    )
+    assert process.returncode == 0, process.stderr

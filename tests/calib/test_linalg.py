@@ -71,8 +71,8 @@ def test_null_spaces_and_values_of_few_rows() -> None:
 
 def test_a_vector_of_a_space_is_named_once() -> None:
     first, second = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    named = [("one", first), ("again", 2.0 * first), ("out", second)]
-    inside, remainder = named_inside(np.eye(3)[:, :2], named)
+    motions = [("one", first), ("again", 2.0 * first), ("out", second)]
+    inside, remainder = named_inside(np.eye(3)[:, :2], motions)
     assert [name for _, name in inside] == ["one"]
     assert np.abs(remainder[:, 0]) == pytest.approx([np.sqrt(0.5), np.sqrt(0.5), 0.0])
 
@@ -92,10 +92,10 @@ def test_means_of_groups_are_weighted() -> None:
 
 
 def test_no_readings_have_no_mounting_and_no_indicator() -> None:
-    read = conditions_of("sweep")
-    assert (read.mount_count, read.indicator_count) == (
-        len(np.unique(read.mount)),
-        len(np.unique(read.indicator)),
+    conditions = conditions_of("sweep")
+    assert (conditions.mount_count, conditions.indicator_count) == (
+        len(np.unique(conditions.mount)),
+        len(np.unique(conditions.indicator)),
     )
-    nothing = read.take(np.zeros(0, dtype=np.intp))
+    nothing = conditions.take(np.zeros(0, dtype=np.intp))
     assert (len(nothing), nothing.mount_count, nothing.indicator_count) == (0, 0, 0)

@@ -174,7 +174,7 @@ class Controlled:
         With ``zero_set`` from where the whole lies on average: readings on legs cannot tell where
         the point is at which axes meet that do not meet, and a workpiece is touched off anyway.
         """
-        sent = zip(stops[-len(CHECKED) :], CHECKED, strict=True)
-        off = np.array([self.machine.tool(stop.carriage) - target for stop, target in sent])
+        pairs = zip(stops[-len(CHECKED) :], CHECKED, strict=True)
+        off = np.array([self.machine.tool(stop.carriage) - target for stop, target in pairs])
         off = off - off.mean(axis=0) if self.zero_set else off
         return float(np.sqrt((off**2).sum(axis=1).mean()))

@@ -60,12 +60,14 @@ def move(words: str) -> None:
     wait_for(in_mdi)
     ask(command.mdi(words))
     matches = re.findall(rf"([{AXES}])(-?[0-9.]+)", words)
-    sent = [(AXES.index(axis), float(value)) for axis, value in matches]
+    coordinates = [(AXES.index(axis), float(value)) for axis, value in matches]
 
     def there() -> bool:
         """Idle and in position it is before it starts, too."""
         idle = status.interp_state == linuxcnc.INTERP_IDLE and status.inpos
-        return idle and all(abs(status.position[k] - value) < REACHED_MM for k, value in sent)
+        return idle and all(
+            abs(status.position[k] - value) < REACHED_MM for k, value in coordinates
+        )
 
     wait_for(there)
 

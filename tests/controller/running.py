@@ -133,15 +133,15 @@ def compiled() -> Path:
         "rigjoint": (HERE / "rigjoint.comp").read_text(encoding="utf-8"),
     }.items():
         (build / f"{name}.comp").write_text(text)
-        done = subprocess.run(
+        process = subprocess.run(
             ["halcompile", "--compile", f"{name}.comp"],
             cwd=build,
             check=False,
             capture_output=True,
             text=True,
         )
-        assert done.returncode == 0, done.stderr
-        assert "warning" not in done.stderr, done.stderr
+        assert process.returncode == 0, process.stderr
+        assert "warning" not in process.stderr, process.stderr
         shutil.copy(build / f"{name}.so", modules)
     return modules
 

@@ -375,7 +375,7 @@ KINDS = (
 
 def disturbed(folder: Path, seed: int, draws: int, kinds: Sequence[str] = ()) -> dict[str, object]:
     """One session with faults at random moments: these kinds, or all in turn."""
-    faults, stops_s, met = with_faults(
+    faults, stops_s, count = with_faults(
         folder / "a.jsonl",
         seed,
         draws,
@@ -383,7 +383,7 @@ def disturbed(folder: Path, seed: int, draws: int, kinds: Sequence[str] = ()) ->
         troubles=kinds or KINDS,
     )
     stops = {kind: max(s for s, name in stops_s if name == kind) for _, kind in stops_s}
-    return {"wrong": faults, "stops_s": stops, "met": met}
+    return {"wrong": faults, "stops_s": stops, "met": count}
 
 
 def ended(folder: Path) -> dict[str, object]:

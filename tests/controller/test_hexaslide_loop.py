@@ -29,12 +29,12 @@ def of_file(chains: tuple[object, ...]) -> Plain:
     return plain([chain.model_dump() for chain in chains])  # type: ignore[attr-defined]
 
 
-def reached(folder: Path, hal: str, true: Plain, postures: Array, believed: Plain) -> Array:
+def reached(folder: Path, hal: str, true: Plain, postures: Array, model: Plain) -> Array:
     """Where the true platform stands ``(n, 6)``, metres and degrees, sent to ``postures``;
-    the controller is homed in the middle of the box, where its own geometry ``believed`` puts the
+    the controller is homed in the middle of the box, where its own geometry ``model`` puts the
     sliders.
     """
-    start = 1000.0 * believed.sliders(CENTRE)
+    start = 1000.0 * model.sliders(CENTRE)
     joints = [SimulatedJoint({"mounting": place}) for place in start]
     entries = [
         {"HOME": place, "HOME_OFFSET": place, "MIN_LIMIT": -100, "MAX_LIMIT": 2000}

@@ -31,11 +31,11 @@ def test_a_pressed_button_is_a_take_and_not_an_answer(monkeypatch: pytest.Monkey
     """Bytes come over a bare socket: first an answer, later a value nobody asked for."""
     monkeypatch.setattr("drivers.exchange.ALONE_S", 0.2)
     pressed: list[Outcome] = []
-    heard: list[Outcome] = []
+    outcomes: list[Outcome] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
         url = f"socket://127.0.0.1:{server.getsockname()[1]}"
         polled = replace(SYLVAC, interval_s=0.3)
-        line = IndicatorLine(polled, url, listener=heard.append, on_button=pressed.append)
+        line = IndicatorLine(polled, url, listener=outcomes.append, on_button=pressed.append)
         line.start()
         client, _ = server.accept()
         with client:
@@ -47,9 +47,9 @@ def test_a_pressed_button_is_a_take_and_not_an_answer(monkeypatch: pytest.Monkey
             for _ in range(2):
                 assert client.recv(10) == b"?\r"
                 client.sendall(b"+000.300\r")
-            until(lambda: len(heard) == 3)
+            until(lambda: len(outcomes) == 3)
             line.close()
-    assert [o.value_mm for o in heard if isinstance(o, IndicatorReading)] == [0.1, 0.3, 0.3]
+    assert [o.value_mm for o in outcomes if isinstance(o, IndicatorReading)] == [0.1, 0.3, 0.3]
     assert [o.value_mm for o in pressed if isinstance(o, IndicatorReading)] == [0.2]
 
 
@@ -57,25 +57,25 @@ def test_a_pressed_button_is_a_take_and_not_an_answer(monkeypatch: pytest.Monkey
 def test_replugged_under_the_same_name(tmp_path: Path) -> None:
     """The port vanishes and comes back; the line notices both by itself."""
     name = tmp_path / "gauge"
-    heard: list[Outcome] = []
+    outcomes: list[Outcome] = []
     quick = replace(MITUTOYO_01A, timeout_s=10.0)
     first = TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 1.0, 0.001)), "pty")
     name.symlink_to(first.url)
-    line = IndicatorLine(quick, str(name), interval_s=0.02, listener=heard.append)
+    line = IndicatorLine(quick, str(name), interval_s=0.02, listener=outcomes.append)
     line.start()
-    until(lambda: bool(heard) and isinstance(heard[-1], IndicatorReading))
+    until(lambda: bool(outcomes) and isinstance(outcomes[-1], IndicatorReading))
     pulled = time.monotonic()
     first.close()
     name.unlink()
-    until(lambda: isinstance(heard[-1], Fault))
+    until(lambda: isinstance(outcomes[-1], Fault))
     assert time.monotonic() - pulled <= 1.5 * quick.timeout_s
-    lost = heard[-1]
-    assert isinstance(lost, Fault)
-    assert lost.kind is FaultKind.DISCONNECTED
+    fault = outcomes[-1]
+    assert isinstance(fault, Fault)
+    assert fault.kind is FaultKind.DISCONNECTED
     with TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 2.0, 0.001)), "pty") as second:
         name.symlink_to(second.url)
-        until(lambda: isinstance(heard[-1], IndicatorReading))
+        until(lambda: isinstance(outcomes[-1], IndicatorReading))
         line.close()
-    back = heard[-1]
+    back = outcomes[-1]
     assert isinstance(back, IndicatorReading)
     assert back.value_mm == 2.0

@@ -81,8 +81,8 @@ def test_own_faults(profile: Profile, transport: Transport) -> None:
     assert profile.bad_replies, "a profile names at least one fault of its device"
     hasty = replace(profile, busy_retries=0)
     ports = (plugged(profile, transport, 1.234, name) for name in profile.bad_replies)
-    tried = zip(profile.bad_replies.items(), outcomes(hasty, ports, profile.timeout_s), strict=True)
-    for (name, bad), outcome in tried:
+    pairs = zip(profile.bad_replies.items(), outcomes(hasty, ports, profile.timeout_s), strict=True)
+    for (name, bad), outcome in pairs:
         assert isinstance(outcome, Fault), (name, outcome)
         assert outcome.kind is bad.kind, (name, outcome)
         assert outcome.words
@@ -101,8 +101,8 @@ NO_VALUE = {
 @first_transport
 def test_troubles_never_give_a_value(profile: Profile, transport: Transport) -> None:
     ports = (plugged(profile, transport, 1.234, trouble) for trouble in NO_VALUE)
-    tried = zip(NO_VALUE.items(), outcomes(profile, ports), strict=True)
-    for (trouble, kinds), outcome in tried:
+    pairs = zip(NO_VALUE.items(), outcomes(profile, ports), strict=True)
+    for (trouble, kinds), outcome in pairs:
         assert isinstance(outcome, Fault), (trouble, outcome)
         assert outcome.kind in kinds, (trouble, outcome)
 

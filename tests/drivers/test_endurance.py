@@ -34,7 +34,7 @@ class Counting:
 
 def test_two_indicators_for_ten_minutes() -> None:
     heard: tuple[list[float], list[float]] = ([], [])
-    done = (threading.Event(), threading.Event())
+    end = (threading.Event(), threading.Event())
     lines: list[IndicatorLine] = []
     twins: list[TwinPort] = []
 
@@ -43,7 +43,7 @@ def test_two_indicators_for_ten_minutes() -> None:
             assert isinstance(outcome, IndicatorReading)
             heard[number].append(outcome.value_mm)
             if len(heard[number]) >= EXCHANGES:
-                done[number].set()
+                end[number].set()
 
         return hear
 
@@ -57,9 +57,9 @@ def test_two_indicators_for_ten_minutes() -> None:
     for line in lines:
         line.start()
     while min(map(len, heard)) < WARM:
-        done[0].wait(0.01)
+        end[0].wait(0.01)
     before = tracemalloc.get_traced_memory()[0]
-    assert all(event.wait(600) for event in done)
+    assert all(event.wait(600) for event in end)
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     for line in lines:

@@ -52,16 +52,16 @@ def line(port: str, profile: Profile = QUICK) -> Iterator[IndicatorLine]:
 
 def first_outcome(port: str) -> Outcome:
     """The line asks by itself at once; the interval then keeps it silent."""
-    heard: list[Outcome] = []
-    opened = IndicatorLine(QUICK, port, listener=heard.append)
+    outcomes: list[Outcome] = []
+    opened = IndicatorLine(QUICK, port, listener=outcomes.append)
     opened.start()
     try:
         deadline = time.monotonic() + 60
-        while not heard and time.monotonic() < deadline:
+        while not outcomes and time.monotonic() < deadline:
             time.sleep(0.01)
     finally:
         opened.close()
-    return heard[0]
+    return outcomes[0]
 
 
 @pytest.mark.parametrize("transport", BOTH)
@@ -105,17 +105,17 @@ def test_a_late_answer_is_not_taken_for_the_next_reading(transport: Transport) -
     """The first answer comes after the time-out; the second request must get the second."""
     device = Scripted(b"01A+0001.000\r", b"01A+0002.000\r", after_s=0.5)
     with TwinPort(device, transport) as twin:
-        heard: list[Outcome] = []
+        outcomes: list[Outcome] = []
         opened = IndicatorLine(
-            replace(QUICK, timeout_s=0.3), twin.url, interval_s=0.05, listener=heard.append
+            replace(QUICK, timeout_s=0.3), twin.url, interval_s=0.05, listener=outcomes.append
         )
         opened.start()
         deadline = time.monotonic() + 60
-        while len(heard) < 2 and time.monotonic() < deadline:
+        while len(outcomes) < 2 and time.monotonic() < deadline:
             time.sleep(0.01)
         opened.close()
-    values = [outcome.value_mm for outcome in heard if isinstance(outcome, IndicatorReading)]
-    assert isinstance(heard[0], Fault)
+    values = [outcome.value_mm for outcome in outcomes if isinstance(outcome, IndicatorReading)]
+    assert isinstance(outcomes[0], Fault)
     assert 1.0 not in values
 
 
@@ -212,10 +212,10 @@ def test_a_line_that_is_asked_while_it_is_closed_does_not_wait_for_its_turn() ->
     slow = replace(QUICK, interval_s=60.0)
     with TwinPort(IndicatorTwin(QUICK, Spindle(lambda: 0.5, 0.001)), "tcp") as twin:
         for _ in range(8):
-            heard: queue.SimpleQueue[Outcome] = queue.SimpleQueue()
-            opened = IndicatorLine(slow, twin.url, listener=heard.put)
+            outcomes: queue.SimpleQueue[Outcome] = queue.SimpleQueue()
+            opened = IndicatorLine(slow, twin.url, listener=outcomes.put)
             opened.start()
-            heard.get(timeout=60.0)
+            outcomes.get(timeout=60.0)
             together = threading.Barrier(2)
             asking = threading.Thread(target=ask_often, args=(opened, together))
             asking.start()
@@ -229,11 +229,11 @@ def test_a_line_that_is_asked_while_it_is_closed_does_not_wait_for_its_turn() ->
 @pytest.mark.parametrize("poured", [b"01A+0000.100\r", b"x"])
 def test_a_flood_on_a_socket_ends_with_an_outcome_and_a_closed_port(poured: bytes) -> None:
     """As fast as the socket takes it; the times are held in `test_exchange` in simulated time."""
-    done = threading.Event()
+    end = threading.Event()
 
     def pour(client: socket.socket) -> None:
         with suppress(OSError):
-            while not done.is_set():
+            while not end.is_set():
                 client.sendall(poured * 1000)
 
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -243,7 +243,7 @@ def test_a_flood_on_a_socket_ends_with_an_outcome_and_a_closed_port(poured: byte
             pouring = threading.Thread(target=pour, args=(client,), daemon=True)
             pouring.start()
             outcomes = [opened.ask().result(timeout=60) for _ in range(3)]
-        done.set()
+        end.set()
         client.close()
         pouring.join()
     assert isinstance(outcomes[-1], Fault)

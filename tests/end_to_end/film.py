@@ -53,8 +53,8 @@ class Station:
     @property
     def missing(self) -> list[str]:
         """Promised words that are not there; a command's line may be broken anywhere."""
-        shown = " ".join(self.text.split())
-        return [words for words in self.words if " ".join(words.split()) not in shown]
+        text_shown = " ".join(self.text.split())
+        return [words for words in self.words if " ".join(words.split()) not in text_shown]
 
     def cut(self, columns: int) -> list[str]:
         """Rows of the program's screens that go on beyond the edge."""
@@ -78,9 +78,9 @@ class Film(Terminal):
         program = home / "bin" / "glidecal"
         program.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -m glidecal "$@"\n')
         program.chmod(0o755)
-        kept = f"XDG_DATA_HOME={home} XDG_CACHE_HOME={home} TEXTUAL_ANIMATIONS=none"
+        environment = f"XDG_DATA_HOME={home} XDG_CACHE_HOME={home} TEXTUAL_ANIMATIONS=none"
         path = f"PATH={program.parent}:$PATH PYTHONUTF8=1 OPENBLAS_NUM_THREADS=1"
-        self.run(f"cd '{folder}'; {kept} {path} PS1='$ ' exec sh -i")
+        self.run(f"cd '{folder}'; {environment} {path} PS1='$ ' exec sh -i")
         self.wait_for("$")
 
     def screen(self) -> str:

@@ -128,14 +128,14 @@ class Life:
         """One of the operator's corrections; whether the record has these words now."""
         session = guided.session
         step = guided.step()
-        done = sorted(session.done())
+        steps = sorted(session.done())
         act = self._chance.choice(["note", "undo", "repeat", "restore", "skip", "remount"])
         if act == "note":
             guided.note(words)
-        elif act == "undo" and done:
+        elif act == "undo" and steps:
             guided.undo(words)
-        elif act == "repeat" and done:
-            guided.repeat(self._chance.choice([*done, *session.skipped]), words)
+        elif act == "repeat" and steps:
+            guided.repeat(self._chance.choice([*steps, *session.skipped]), words)
         elif act == "restore":
             return guided.restore(self._chance.randint(1, len(guided.steps)), words)
         elif act == "skip" and step is not None and self._chance.random() < 0.6:

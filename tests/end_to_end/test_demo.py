@@ -65,8 +65,8 @@ def test_killed_in_the_middle_and_continued(tmp_path: Path) -> None:
         time.sleep(0.02)
         os.kill(run.pid, signal.SIGKILL)
         acknowledged = {int(line), *(int(n) for n in run.stdout.read().split())}
-    done = fold(read_record(session).events).done()
-    assert acknowledged | set(range(1, 10)) <= done
+    steps = fold(read_record(session).events).done()
+    assert acknowledged | set(range(1, 10)) <= steps
     again = glidecal("run", "--continue", session, "--headless")
     assert again.status == 0, again.err
     whole_session = fold(read_record(session).events)

@@ -105,8 +105,8 @@ def test_the_session_is_paused_and_goes_on(
     assert b"Traceback" not in measuring.shown
     assert read_record(record).end == "open"
     assert [path.name for path in tmp_path.iterdir()] == ["session.jsonl"]
-    done = glidecal("run", "--continue", record, "--headless")
-    assert done.status == 0, done.err
+    run = glidecal("run", "--continue", record, "--headless")
+    assert run.status == 0, run.err
     assert read_record(record).end == "closed"
 
 

@@ -66,22 +66,22 @@ class Tab:
     async def ask(self, method: str, **parameters: object) -> dict[str, Any]:
         self._asked += 1
         await self.socket.send_json({"id": self._asked, "method": method, "params": parameters})
-        while (heard := await self._heard()).get("id") != self._asked:
+        while (message := await self._heard()).get("id") != self._asked:
             pass
-        assert "error" not in heard, heard
-        return dict(heard["result"])
+        assert "error" not in message, message
+        return dict(message["result"])
 
     async def until(self, event: str) -> None:
         while (await self._heard()).get("method") != event:
             pass
 
     async def _heard(self) -> dict[str, Any]:
-        heard: dict[str, Any] = await self.socket.receive_json(timeout=PATIENCE_S)
-        self.told.append(heard)
-        if heard.get("method") == "Page.javascriptDialogOpening":
+        message: dict[str, Any] = await self.socket.receive_json(timeout=PATIENCE_S)
+        self.told.append(message)
+        if message.get("method") == "Page.javascriptDialogOpening":
             close = {"id": 0, "method": "Page.handleJavaScriptDialog", "params": {"accept": True}}
             await self.socket.send_json(close)
-        return heard
+        return message
 
     async def show(self, url: str) -> None:
         self.told.clear()
@@ -93,7 +93,7 @@ class Tab:
         return result["result"].get("value")
 
     def happened(self, event: str) -> list[dict[str, Any]]:
-        return [heard["params"] for heard in self.told if heard.get("method") == event]
+        return [message["params"] for message in self.told if message.get("method") == event]
 
     def requests(self) -> list[str]:
         return [event["request"]["url"] for event in self.happened("Network.requestWillBeSent")]

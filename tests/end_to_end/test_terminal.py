@@ -56,9 +56,9 @@ class Terminal:
         deadline = time.monotonic() + patience_s
         while time.monotonic() < deadline:
             output = self.screen()
-            shown = " ".join(output.split())
+            text_shown = " ".join(output.split())
             for text in texts:
-                if " ".join(text.split()) in shown:
+                if " ".join(text.split()) in text_shown:
                     return text, output
             time.sleep(0.1)
         pytest.fail(f"none of {texts} appeared:\n{self.screen()}")
@@ -76,10 +76,10 @@ class Terminal:
 
     def call(self, *arguments: str) -> str:
         """What tmux answers."""
-        done = subprocess.run(
+        process = subprocess.run(
             [*self._tmux, *arguments], capture_output=True, text=True, check=True, timeout=300
         )
-        return done.stdout
+        return process.stdout
 
 
 @pytest.fixture

@@ -49,15 +49,15 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(ROOT / room, copy / room, ignore=shutil.ignore_patterns("__pycache__"))
     somebody = ("-c", "user.name=a", "-c", "user.email=a@b")
     for words in (["init"], ["add", "."], [*somebody, "commit", "-m", "A copy"]):
-        done = run("git", "-C", copy, *words)
-        assert done.returncode == 0, done.stderr
+        process = run("git", "-C", copy, *words)
+        assert process.returncode == 0, process.stderr
     return copy
 
 
 def built(source: Path, target: Path) -> Path:
     """The wheel of a folder or an archive."""
-    done = run(*PIP, "wheel", *OFFLINE, "--no-build-isolation", "-w", target, source)
-    assert done.returncode == 0, done.stderr
+    process = run(*PIP, "wheel", *OFFLINE, "--no-build-isolation", "-w", target, source)
+    assert process.returncode == 0, process.stderr
     (wheel,) = target.glob("glidecal-*.whl")
     return wheel
 
@@ -99,13 +99,13 @@ class Environment:
     def install(self, *wheels: Path) -> None:
         target = ["--python", str(self.python), "install", "--no-compile", *OFFLINE]
         for archive in wheels:
-            done = run(*PIP, *target, archive)
-            assert done.returncode == 0, done.stderr
+            process = run(*PIP, *target, archive)
+            assert process.returncode == 0, process.stderr
 
     def refused(self, *words: str, **variables: str) -> str:
-        done = run(*(words or (self.glidecal, "--version")), **variables)
-        assert (done.returncode, done.stdout) == (2, ""), done.stderr
-        (message,) = done.stderr.splitlines()
+        process = run(*(words or (self.glidecal, "--version")), **variables)
+        assert (process.returncode, process.stdout) == (2, ""), process.stderr
+        (message,) = process.stderr.splitlines()
         assert message.startswith("glidecal: package 'app': ")
         assert "pipx install glidecal" in message
         return message
@@ -120,8 +120,8 @@ def test_the_wheel_alone_runs_and_a_stranger_over_it_is_told(
     environment: Environment, wheel: Path, foreign: Path, tmp_path: Path
 ) -> None:
     environment.install(wheel)
-    done = run(environment.glidecal, "solve", SAMPLES / "experiment_2_six.jsonl", "--json")
-    assert done.returncode == 0, done.stderr
+    process = run(environment.glidecal, "solve", SAMPLES / "experiment_2_six.jsonl", "--json")
+    assert process.returncode == 0, process.stderr
     script = "import glidecal, app; print(glidecal.load.__module__, app.__file__)"
     assert str(environment.site) in run(environment.python, "-P", "-c", script).stdout
     with zipfile.ZipFile(foreign) as packed:
@@ -142,8 +142,8 @@ def test_the_wheel_tells_the_commit_also_where_it_was_built_from_an_archive(
     commit = run("git", "-C", source, "rev-parse", "HEAD").stdout[:7]
     assert re.fullmatch(rf"glidecal 0\.1\.0\.dev\d+\+g{commit}\w*", version_line)
     script = "from setuptools.build_meta import build_sdist; build_sdist('made')"
-    done = run(sys.executable, "-c", f"import os; os.chdir({str(source)!r}); {script}")
-    assert done.returncode == 0, done.stderr
+    process = run(sys.executable, "-c", f"import os; os.chdir({str(source)!r}); {script}")
+    assert process.returncode == 0, process.stderr
     (archive,) = (source / "made").glob("glidecal-*.tar.gz")
     assert built(archive, tmp_path).name == wheel.name
 
@@ -153,8 +153,8 @@ def test_installed_over_a_package_that_owns_app_it_refuses_to_start(
 ) -> None:
     environment.install(foreign, wheel)
     assert "contains orders.py of another package" in environment.refused()
-    done = run(environment.python, "-P", "-c", "import glidecal; glidecal.load")
-    assert done.stderr.splitlines()[-1].startswith("ImportError: package 'app': ")
+    process = run(environment.python, "-P", "-c", "import glidecal; glidecal.load")
+    assert process.stderr.splitlines()[-1].startswith("ImportError: package 'app': ")
 
 
 def test_the_wheel_holds_every_file_of_data(wheel: Path) -> None:

@@ -264,14 +264,14 @@ class Simulator:
         self._until("ok")
 
     def _until(self, prefix: str) -> None:
-        end, heard = time.monotonic() + PATIENCE_S, list[str]()
-        while not (heard and heard[-1].startswith(prefix)):
+        end, lines = time.monotonic() + PATIENCE_S, list[str]()
+        while not (lines and lines[-1].startswith(prefix)):
             try:
-                heard.append(self._lines.get(timeout=max(0.0, end - time.monotonic())))
+                lines.append(self._lines.get(timeout=max(0.0, end - time.monotonic())))
             except queue.Empty:
-                raise AssertionError(f"no {prefix!r} but {heard}") from None
-            if heard[-1] != LOCKED and prefix != STARTED:
-                assert not heard[-1].startswith(("error:", "ALARM:")), heard
+                raise AssertionError(f"no {prefix!r} but {lines}") from None
+            if lines[-1] != LOCKED and prefix != STARTED:
+                assert not lines[-1].startswith(("error:", "ALARM:")), lines
 
     def answer_to(self, port: int) -> None:
         """From now on what it answers is heard there."""

@@ -48,8 +48,8 @@ WRAPPED = {
 
 def folder_of_sources() -> Path:
     """Where the sources would lie."""
-    named = os.environ.get(FOLDER)
-    return Path(named) if named else ROOT.parent / "firmware"
+    folder = os.environ.get(FOLDER)
+    return Path(folder) if folder else ROOT.parent / "firmware"
 
 
 def need_firmware(firmware: str) -> None:

@@ -203,9 +203,9 @@ def test_a_fault_at_every_call_of_a_session(
             records = kept(folder)
             if "kept" in "".join(operator.words):
                 records += kept(tmp_path / "home")
-            lost = operator.told and not any(
+            is_lost = operator.told and not any(
                 record[: len(operator.told)] == operator.told for record in records
             )
-            assert not lost, (name, fault, operator.told, records, operator.words)
+            assert not is_lost, (name, fault, operator.told, records, operator.words)
             for path in (tmp_path / "home").iterdir():
                 path.unlink()

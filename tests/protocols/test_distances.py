@@ -47,8 +47,8 @@ def test_decimal_commas_are_taken(tmp_path: Path) -> None:
 
 def test_from_a_table_beside_contacts_to_arrays(tmp_path: Path) -> None:
     out = tmp_path / "s.jsonl"
-    which = ("--machine", "linear-delta", "--distances", table(tmp_path, *ROWS))
-    run = glidecal("import", CONTACTS, "-o", out, *which, "--distance-deviation", "0.07")
+    options = ("--machine", "linear-delta", "--distances", table(tmp_path, *ROWS))
+    run = glidecal("import", CONTACTS, "-o", out, *options, "--distance-deviation", "0.07")
     assert run.status == 0, run.err
     assert "contacts and 2 distances between marks written" in run.err
     arrays = measured_distances(read_record(out).session)
@@ -68,8 +68,8 @@ def test_a_distance_that_cannot_be_is_named(tmp_path: Path) -> None:
     more.write_text(sample.read_text("utf-8").replace("119.66", "121.46"), encoding="utf-8")
     for path, warned in ((sample, ""), (wrong, "120.46"), (more, "121.46")):
         out = tmp_path / f"{path.stem}.jsonl"
-        which = ("--machine", "linear-delta", "--distances", path)
-        assert glidecal("import", CONTACTS, "-o", out, *which).status == 0
+        options = ("--machine", "linear-delta", "--distances", path)
+        assert glidecal("import", CONTACTS, "-o", out, *options).status == 0
         words = " ".join(glidecal("solve", out).out.split())
         warning = f"WARNING: distance 2 of {path.stem}.jsonl, {warned} mm, is"
         assert (warning in words) == bool(warned)
@@ -129,10 +129,10 @@ def test_tables_that_cannot_be(tmp_path: Path, row: str, message: str) -> None:
 def test_tables_in_each_others_place(tmp_path: Path) -> None:
     out, source = ("-o", tmp_path / "s.jsonl"), table(tmp_path, *ROWS)
     assert "distances between marks, and no reading" in refused(3, "import", source, *out)
-    which = ("--machine", "linear-delta", "--distances", CONTACTS)
-    assert "Missing: distance_mm" in refused(3, "import", CONTACTS, *out, *which)
+    options = ("--machine", "linear-delta", "--distances", CONTACTS)
+    assert "Missing: distance_mm" in refused(3, "import", CONTACTS, *out, *options)
     assert "no distances" in refused(2, "import", CONTACTS, *out, "--distance-deviation", "0.1")
     deviation = ("--distances", source, "--distance-deviation", "0")
     assert "a standard deviation of 0 mm" in refused(
-        3, "import", CONTACTS, *which[:2], *out, *deviation
+        3, "import", CONTACTS, *options[:2], *out, *deviation
     )

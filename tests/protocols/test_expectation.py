@@ -114,8 +114,8 @@ def test_the_limit_of_a_repeat_is_the_procedures() -> None:
 def test_a_leg_tells_what_to_expect_of_the_next_one() -> None:
     """With offsets 1, 2, 0 mm leg x reads 0.330 along y at Max and leg y 0.523 along x."""
     x, y = 0.1934, 0.1367
-    read = {60.0: y * 1.0 + x * 2.0, -100.0: -0.0605 * 1.0 - 0.3223 * 2.0}
-    raw = [("xy", at, value) for at, value in ((0.0, 0.0), *read.items())]
+    values = {60.0: y * 1.0 + x * 2.0, -100.0: -0.0605 * 1.0 - 0.3223 * 2.0}
+    raw = [("xy", at, value) for at, value in ((0.0, 0.0), *values.items())]
     zero = reading(4, ("yx", 0.0, 1.0)).model_copy(update={"leg": "y", "axis": "x"})
     mounted = Mounted(leg="y", station=0.5, mounts={"x": "yx"})
     readings = [reading(k, row) for k, row in enumerate(raw, start=1)]

@@ -313,9 +313,9 @@ def test_no_file_is_written_through_a_link(path: Path, tmp_path: Path) -> None:
 
 def test_an_empty_file_of_a_killed_program_is_begun_again(path: Path) -> None:
     path.touch()
-    for read in (read_record, lambda path: Journal.resume(path, "test")):
+    for reader in (read_record, lambda path: Journal.resume(path, "test")):
         with pytest.raises(RecordError, match=r"Nothing was measured\. Begin again"):
-            read(path)
+            reader(path)
     Journal.create(path, opened()).close()
     assert read_record(path).end == "open"
     with pytest.raises(RecordError, match="exists already"):
@@ -335,9 +335,9 @@ def test_only_regular_files_of_a_sensible_size_are_read(path: Path, tmp_path: Pa
     path.unlink()
     with path.open("wb") as sparse:
         sparse.truncate(8_000_000_000)
-    for read in (read_record, lambda path: Journal.resume(path, "test")):
+    for reader in (read_record, lambda path: Journal.resume(path, "test")):
         with pytest.raises(RecordError, match=r"8,000\.0 MB\. Allowed: up to 64 MB"):
-            read(path)
+            reader(path)
 
 
 def test_a_record_does_not_grow_beyond_what_can_be_read(path: Path) -> None:
@@ -361,9 +361,9 @@ def test_the_last_line_of_an_open_record_vouches_for_itself(path: Path) -> None:
     journal.append(reading(1), reading(2))
     journal.close()
     path.write_bytes(path.read_bytes().replace(b'"value_mm":0.25', b'"value_mm":0.26'))
-    for read in (read_record, lambda path: Journal.resume(path, "test")):
+    for reader in (read_record, lambda path: Journal.resume(path, "test")):
         with pytest.raises(RecordError, match="line 3: found a content that does not fit"):
-            read(path)
+            reader(path)
 
 
 def test_records_without_seals_are_read(path: Path) -> None:
@@ -475,11 +475,11 @@ assert record.end == "open", record.end
 assert sum(e.event == "reading" for e in record.events) == taken > 1
 journal.close()
 """
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=600, check=False
     )
-    assert done.returncode == 0, done.stderr
-    assert "File too large" in done.stdout
+    assert process.returncode == 0, process.stderr
+    assert "File too large" in process.stdout
 
 
 def test_no_write_permission(tmp_path: Path) -> None:

@@ -135,8 +135,8 @@ def test_joints_that_are_read_back_tell_where_the_tool_is(
         square = [sum(at[k] ** 2 for k in range(3) if k != i) for i in range(3)]
         return tuple(float(at[i] + np.sqrt(L**2 - square[i])) for i in range(3))
 
-    sent, there = np.array(tool), np.array(tool) + np.array(off)
-    movement = moved("joint", joints(sent), joints(sent), joints(there))
+    target, there = np.array(tool), np.array(tool) + np.array(off)
+    movement = moved("joint", joints(target), joints(target), joints(there))
     assert departure_mm(movement, Geometry()) == pytest.approx(off, abs=1e-9)
 
 

@@ -126,10 +126,10 @@ def test_a_mean_of_several_readings_shows_no_step() -> None:
 
 
 def test_a_corrected_reading_says_what_it_was_and_of_another_posture_has_no_step() -> None:
-    read = session([("xy", 0.0), ("xy", 60.0), ("xy", -100.0)])
-    steps = tuple(r.model_copy(update={"step": k}) for k, r in enumerate(read.readings, start=1))
-    read = fold([read.opened, *steps])
-    observed = to_observations([read])
+    record = session([("xy", 0.0), ("xy", 60.0), ("xy", -100.0)])
+    steps = tuple(r.model_copy(update={"step": k}) for k, r in enumerate(record.readings, start=1))
+    record = fold([record.opened, *steps])
+    observed = to_observations([record])
     changed = replace(
         observed,
         value_mm=observed.value_mm + np.array([0.0, 0.25, 0.0]),
@@ -137,13 +137,13 @@ def test_a_corrected_reading_says_what_it_was_and_of_another_posture_has_no_step
     )
     rows = np.arange(3)
     cleaned = CleanedReadings(changed, rows, np.zeros(3, dtype=np.intp))
-    value, posture = corrected_readings(read, cleaned)
-    was_mm = read.readings[1].value_mm
+    value, posture = corrected_readings(record, cleaned)
+    was_mm = record.readings[1].value_mm
     assert (value.reading, value.step) == (2, 2)
     assert value.value_mm == pytest.approx(was_mm + 0.25)
     assert value.extra[AS_READ] == f"value_mm {was_mm}"
     assert (posture.reading, posture.step, posture.displacement_mm) == (3, None, 60.0)
     assert posture.extra[AS_READ] == "displacement_mm -100.0"
     moved = CleanedReadings(observed, rows, np.array([0, 0, 1], dtype=np.intp))
-    (after,) = corrected_readings(read, moved)
+    (after,) = corrected_readings(record, moved)
     assert (after.reading, after.step, after.mount) == (3, 3, "xy, moved 1")

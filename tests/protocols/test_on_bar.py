@@ -231,11 +231,11 @@ def test_chosen_postures_and_the_turns_between_them_stay_on_the_bar(
         noise_words="",
     )
     try:
-        chosen = optimum_postures(planning, 12, starts=1, common=common)
+        optimum = optimum_postures(planning, 12, starts=1, common=common)
     except (ImpossibleRequest, NotIdentifiable):
         assume(False)
-    assert chosen.orders
-    for (leg, station), levels in chosen.orders.items():
+    assert optimum.orders
+    for (leg, station), levels in optimum.orders.items():
         assert_on_bar(machine, wrong_mm, leg, station, levels)
 
 

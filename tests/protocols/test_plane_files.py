@@ -61,9 +61,9 @@ def test_a_machine_whose_bars_stay_askew_has_no_such_legs(tmp_path: Path) -> Non
     box = "workspace_mm = [[-20.0, -20.0, 0.0], [20.0, 20.0, 50.0]]"
     short = tmp_path / "short.toml"
     short.write_text(re.sub("(?m)^workspace_mm = .*", box, text), encoding="utf-8")
-    done = glidecal("identifiability", short, "--procedure", "plane")
-    assert done.status == 2
-    assert "are nowhere along their drives" in " ".join(done.err.split())
+    run = glidecal("identifiability", short, "--procedure", "plane")
+    assert run.status == 2
+    assert "are nowhere along their drives" in " ".join(run.err.split())
 
 
 def test_a_table_that_was_filled_in_is_the_procedure(tmp_path: Path) -> None:
@@ -132,9 +132,9 @@ def test_simulated_solved_and_what_is_refused(tmp_path: Path) -> None:
     assert hidden.status == 0
     assert "backlash" in glidecal("diagnose", q).out
     assert glidecal("diagnose", "--aliases", "--procedure", "plane").status == 0
-    done = glidecal("postures", "orthoglide", "--procedure", "plane", "--count", "8")
-    assert done.status == 2
-    assert "plane" in done.err
+    run = glidecal("postures", "orthoglide", "--procedure", "plane", "--count", "8")
+    assert run.status == 2
+    assert "plane" in run.err
 
 
 def test_a_demonstration_measures_over_a_plane(tmp_path: Path) -> None:

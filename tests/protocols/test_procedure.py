@@ -176,10 +176,10 @@ def test_readings_in_place_are_counted() -> None:
 
 
 def test_verification_visits_what_calibration_did_not() -> None:
-    used = {s.displacement_mm for s in load("zero-max-min").steps(Geometry())}
+    displacements_mm = {s.displacement_mm for s in load("zero-max-min").steps(Geometry())}
     verified = {s.displacement_mm for s in load("verify").steps(Geometry())}
-    assert verified - used == {30.0, -50.0}
-    assert used < verified
+    assert verified - displacements_mm == {30.0, -50.0}
+    assert displacements_mm < verified
 
 
 def load(name: str) -> Procedure:

@@ -83,8 +83,8 @@ def page_made(option: str, path: Path) -> subprocess.CompletedProcess[str]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page as the script makes it now, with little effort."""
     path = tmp_path_factory.mktemp("page") / "made [x].md"
-    done = page_made("--output", path)
-    assert done.returncode == 0, done.stderr
+    run = page_made("--output", path)
+    assert run.returncode == 0, run.stderr
     return path
 
 
@@ -191,7 +191,7 @@ def test_random_medians_are_of_the_papers_size() -> None:
 
 def test_a_missing_machine_file_is_told(tmp_path: Path) -> None:
     path = tmp_path / "none.toml"
-    done = page_made("--machine-file", path)
-    assert done.returncode != 0
-    assert "none.toml" in done.stderr
-    assert "Traceback" not in done.stderr
+    run = page_made("--machine-file", path)
+    assert run.returncode != 0
+    assert "none.toml" in run.stderr
+    assert "Traceback" not in run.stderr

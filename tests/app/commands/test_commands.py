@@ -46,8 +46,8 @@ def test_a_process_of_its_own_says_the_same(
 ) -> None:
     """Nearly all tests run the program in their own process."""
     alone = as_process(verb, samples / name)
-    named = alone.err.replace("python -m app", "glidecal")
-    assert replace(alone, err=named) == glidecal(verb, samples / name)
+    text = alone.err.replace("python -m app", "glidecal")
+    assert replace(alone, err=text) == glidecal(verb, samples / name)
     assert alone.status == status
 
 

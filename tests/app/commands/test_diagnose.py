@@ -176,8 +176,8 @@ def test_nothing_to_adopt_and_unknown_candidates(tmp_path: Path, samples: Path) 
     assert "nonsense" in refused(2, "diagnose", session, *arguments)
     assert not target.exists()
     candidate = diagnosed(session)["candidates"][-1]
-    chosen = f"{candidate['id']}:{candidate['where']}"
-    run = glidecal("diagnose", session, "--adopt", target, "--candidate", chosen)
+    candidate_name = f"{candidate['id']}:{candidate['where']}"
+    run = glidecal("diagnose", session, "--adopt", target, "--candidate", candidate_name)
     assert run.status == 0
     assert candidate["id"] in target.read_text(encoding="utf-8")
 
@@ -352,13 +352,13 @@ def test_beside_names_the_law_is_asked_for(tmp_path: Path) -> None:
     run = glidecal("diagnose", session, "--adopt", target)
     text = " ".join(run.out.split())
     assert "a carriage is off along its way with the cube of travel" in text
-    named = [effect["id"] for effect in json.loads(target.read_text(encoding="utf-8"))["effects"]]
+    ids = [effect["id"] for effect in json.loads(target.read_text(encoding="utf-8"))["effects"]]
     if run.out.startswith("PARTLY-EXPLAINED"):
-        assert "empirical" not in named
+        assert "empirical" not in ids
         assert "there is an unnamed effect too: --candidate empirical" in run.err
     else:
         assert run.out.startswith("UNEXPLAINED")
-        assert named == ["empirical"]
+        assert ids == ["empirical"]
 
 
 @LONG

@@ -66,12 +66,12 @@ def test_too_few_postures_say_the_minimum_and_what_is_lost_in_whole() -> None:
         45,
         46,
     )
-    lost = report["lost_directions"]
-    assert [direction["at_every_posture"] for direction in lost] == [True, True, True, False]
+    directions = report["lost_directions"]
+    assert [direction["at_every_posture"] for direction in directions] == [True, True, True, False]
     machine = load_hexaslide().whole()
     rows = jacobian(Procedure.of("position"), machine.geometry, held_postures(machine, 15, 0))
     names = report["parameters"]
-    for loss in lost:
+    for loss in directions:
         vector = np.array([loss["combination"].get(name, 0.0) for name in names])
         assert np.linalg.norm(rows.reshape(-1, 49) @ vector) < 1e-8 * np.linalg.norm(vector)
     text = told(Request("position", postures=15))
@@ -156,10 +156,10 @@ def test_postures_of_a_file(tmp_path: Path) -> None:
     text = told(Request("position", posture_file=table))
     assert "too much alike: others show 46. Vary all six coordinates." in text
     assert "more such sums; --json lists them" in text
-    written = tmp_path / "own.json"
-    named = [dict(zip(columns.split(","), row, strict=True)) for row in postures.tolist()]
-    written.write_text(json.dumps({"schema": "x", "postures": named}), encoding="utf-8")
-    assert seen_of(Request("position", posture_file=written)).seen.found.rank == 32
+    path = tmp_path / "own.json"
+    rows_by_name = [dict(zip(columns.split(","), row, strict=True)) for row in postures.tolist()]
+    path.write_text(json.dumps({"schema": "x", "postures": rows_by_name}), encoding="utf-8")
+    assert seen_of(Request("position", posture_file=path)).seen.found.rank == 32
 
 
 @pytest.mark.parametrize(
@@ -270,10 +270,10 @@ def test_a_machine_file_in_metres_is_the_same_machine(tmp_path: Path) -> None:
     old = lengths.sub(in_metres, text).replace("hexaslide/2", "hexaslide/1")
     path = tmp_path / "old.toml"
     path.write_text(old, encoding="utf-8")
-    read, now = load_hexaslide(path).whole(), load_hexaslide().whole()
-    assert read.travel_m == pytest.approx(now.travel_m)
+    machine, now = load_hexaslide(path).whole(), load_hexaslide().whole()
+    assert machine.travel_m == pytest.approx(now.travel_m)
     names = Procedure.of("constraint-link", known=()).parameters
-    assert read.parameters(names) == pytest.approx(now.parameters(names), abs=1e-15)
+    assert machine.parameters(names) == pytest.approx(now.parameters(names), abs=1e-15)
     path.write_text(old.replace("link_m = 0.88", "link_m = -0.88", 1), encoding="utf-8")
     with pytest.raises(RecordError, match=r"line 7, chain\.0\.link_mm: .* \(found -880"):
         load_hexaslide(path)

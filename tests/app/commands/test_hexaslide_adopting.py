@@ -169,13 +169,13 @@ def test_models_that_do_not_fit_are_refused(
 def test_legs_of_a_platform_get_their_effects_as_well(tmp_path: Path) -> None:
     chance = np.random.default_rng(4)
     truth, postures = PLAIN.off(chance), some(40, 5)
-    read = np.array([PLAIN.reads(posture) for posture in postures])
-    pairs = zip(moved(read, "leg_scale", 3, 5.0), postures, strict=True)
+    readings = np.array([PLAIN.reads(posture) for posture in postures])
+    pairs = zip(moved(readings, "leg_scale", 3, 5.0), postures, strict=True)
     stood = np.array([truth.stands(*pair) for pair in pairs])[:, :3]
     values = stood + NOISE_M * chance.normal(size=stood.shape)
     procedure = Procedure.of("position")
     session = written(
-        tmp_path / "s.jsonl", FILE, Readings(procedure, read, values, NOISE_M, NOISE_RAD)
+        tmp_path / "s.jsonl", FILE, Readings(procedure, readings, values, NOISE_M, NOISE_RAD)
     )
     model = tmp_path / "m.json"
     adopting = glidecal("diagnose", session, "--adopt", model, "--json")

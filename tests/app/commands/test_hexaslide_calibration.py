@@ -339,15 +339,15 @@ def test_postures_of_a_file_are_measured(tmp_path: Path) -> None:
     """The best postures show more than as many random ones, and those of a file are taken."""
     box = load_hexaslide(None).whole().box
     corners = box.lower + (box.upper - box.lower) * (np.arange(64)[:, None] >> np.arange(6) & 1)
-    chosen = np.random.default_rng(4).permutation(corners)[:24]
-    chosen[:, 3:] = np.degrees(chosen[:, 3:])
+    subset = np.random.default_rng(4).permutation(corners)[:24]
+    subset[:, 3:] = np.degrees(subset[:, 3:])
     table = tmp_path / "corners.csv"
     header = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
-    np.savetxt(table, chosen, fmt="%.17g", delimiter=",", header=header, comments="")
+    np.savetxt(table, subset, fmt="%.17g", delimiter=",", header=header, comments="")
     file, truth = tmp_path / "m.json", tmp_path / "t.json"
     write_simulated(Request("position", posture_file=table, seed=1), file, truth, errors_mm=0.5)
     values = np.array([posture.values for posture in read_measurements(file).postures])
-    assert np.abs(values - chosen[:, :3]).max() < 0.05, "where the true machine stands, metres"
+    assert np.abs(values - subset[:, :3]).max() < 0.05, "where the true machine stands, metres"
     with_random = document(*written(tmp_path, "position", 24), share=0.0)
     report = document(file, truth, share=0.0)
     assert report["condition_number"] < 0.7 * with_random["condition_number"]

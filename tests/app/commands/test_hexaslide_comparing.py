@@ -68,13 +68,13 @@ def test_play_that_came_is_a_change(tmp_path: Path) -> None:
 
 
 def _halves(
-    folder: Path, seed: int, what: Hidden, monkeypatch: pytest.MonkeyPatch
+    folder: Path, seed: int, cause: Hidden, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[Path, Path]:
     """One machine with a cause about one middle, measured in two halves."""
     count = POSTURES["position"]
     monkeypatch.setitem(POSTURES, "position", 2 * count)
     chance, file = np.random.default_rng(seed), machine_file()
-    readings = measured(Plain(file, chance), file, "position", what, chance)
+    readings = measured(Plain(file, chance), file, "position", cause, chance)
     first = np.arange(2 * count) < count
     monkeypatch.undo()
     sessions = (

@@ -275,9 +275,9 @@ def test_calibrate_enter_and_verify_as_a_person_would(tmp_path: Path) -> None:
     assert glidecal("export", before, "--format", "model", "-o", file).status == 0
     again = ("run", "--machine", file, "--simulated", "--protocol", "position", "--seed", "4")
     assert glidecal(*again, "--behind", before, "-o", after).status == 0
-    done = glidecal("verify", before, after, "--tolerance", "0.1", "--json")
-    assert done.status == 0, done.err
-    report = json.loads(done.out)
+    run = glidecal("verify", before, after, "--tolerance", "0.1", "--json")
+    assert run.status == 0, run.err
+    report = json.loads(run.out)
     assert (report["schema"], report["decision"]) == ("glidecal.hexaslide-verification/1", "pass")
     assert report["platform_after"]["now_rms_mm"] < 0.01 * report["platform_before"]["now_rms_mm"]
     assert len(report["lost_motions"]) == 3

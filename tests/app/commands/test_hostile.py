@@ -355,8 +355,8 @@ def test_no_verb_prints_a_control_character(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "m.toml").write_text(f"name = {json.dumps(ESCAPES)}\n")
     procedure = (ROOT / "protocols" / "procedures" / "zero-max-min.toml").read_text()
-    named = re.compile(r"(?m)^(name|title|description) = .*")
-    spoilt = named.sub(lambda match: f"{match[1]} = {json.dumps(ESCAPES)}", procedure)
+    pattern = re.compile(r"(?m)^(name|title|description) = .*")
+    spoilt = pattern.sub(lambda match: f"{match[1]} = {json.dumps(ESCAPES)}", procedure)
     (tmp_path / "p.toml").write_text(spoilt)
     evil = f"s{ESCAPES.splitlines()[0]}.jsonl"
     machine = json.loads(EXPERIMENT.read_text().splitlines()[0])["machine"] | {"name": ESCAPES}

@@ -56,18 +56,18 @@ def plan_of(folder: Path, motion: str, ports: tuple[str, ...]) -> Plan:
 
 def test_a_dry_run_shows_every_posture_and_asks_nobody() -> None:
     usual = ("--protocol", "zero-max-min")
-    done = glidecal("run", *TWO, *usual, "--motion", "linuxcnc:nowhere:5007", "--dry-run")
-    assert done.status == 0, done.err
-    text = " ".join(done.out.split())
+    run = glidecal("run", *TWO, *usual, "--motion", "linuxcnc:nowhere:5007", "--dry-run")
+    assert run.status == 0, run.err
+    text = " ".join(run.out.split())
     assert text.count("G53 G1 X") == 30
     assert "30 steps at 1500 mm/min, longest move 160.0 mm" in text
     assert "Never outside X-100.000 Y-100.000 Z-100.000 … X60.000 Y60.000 Z60.000" in text
 
 
 def test_without_a_procedure_it_takes_one_that_nobody_would_type() -> None:
-    done = glidecal("run", *TWO, "--motion", "linuxcnc:nowhere:5007", "--dry-run")
-    assert done.status == 0, done.err
-    text = " ".join(done.out.split())
+    run = glidecal("run", *TWO, "--motion", "linuxcnc:nowhere:5007", "--dry-run")
+    assert run.status == 0, run.err
+    text = " ".join(run.out.split())
     assert "Procedure two-station: the usual one where a machine moves itself" in text
     assert text.count("G53 G1 X") == 138
     by_hand = glidecal("run", *TWO, "--dry-run")
@@ -105,9 +105,9 @@ def test_a_seed_of_the_simulation_is_refused_beside_real_indicators(tmp_path: Pa
 def test_without_a_terminal_nothing_moves(
     words: tuple[str, ...], status: int, message: str, tmp_path: Path
 ) -> None:
-    done = glidecal("run", *words, "-o", tmp_path / "a.jsonl")
-    assert done.status == status
-    assert message in done.err
+    run = glidecal("run", *words, "-o", tmp_path / "a.jsonl")
+    assert run.status == status
+    assert message in run.err
     assert not list(tmp_path.iterdir())
 
 

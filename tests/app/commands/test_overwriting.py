@@ -258,9 +258,9 @@ def test_every_verb_with_a_file_to_write_stands_above() -> None:
         for name, verb in command.commands.items()
         if WRITING_OPTIONS & {parameter.name for parameter in verb.params}
     }
-    tried = {arguments[0] for arguments, _ in WRITING.values()} | {a[0] for a in RECORDING.values()}
-    assert writing - {"demo", "history"} == tried, "their folder is where sessions lie"
-    for name in tried - NO_FORCE:
+    verbs = {arguments[0] for arguments, _ in WRITING.values()} | {a[0] for a in RECORDING.values()}
+    assert writing - {"demo", "history"} == verbs, "their folder is where sessions lie"
+    for name in verbs - NO_FORCE:
         assert "force" in {parameter.name for parameter in command.commands[name].params}, name
 
 

@@ -65,15 +65,15 @@ def test_six_differences_see_three_combinations(six: Path) -> None:
     assert report["independent_row_count"] == 6
     assert report["limited_by"] == "nothing"
     assert report["individually_identifiable"] == []
-    assert sorted(lost["name"] for lost in report["lost_directions"]) == [
+    assert sorted(direction["name"] for direction in report["lost_directions"]) == [
         "d_rho_x + d_L_x",
         "d_rho_y + d_L_y",
         "d_rho_z + d_L_z",
     ]
     assert report["condition_number"] == pytest.approx(1.43 / 0.90, rel=0.02)  # theory, section 3
-    for lost in report["lost_directions"]:
-        assert lost["standard_uncertainty_mm"] is None
-        assert 0.0 < lost["cure"]["standard_uncertainty_mm"] < 5.0
+    for direction in report["lost_directions"]:
+        assert direction["standard_uncertainty_mm"] is None
+        assert 0.0 < direction["cure"]["standard_uncertainty_mm"] < 5.0
 
 
 def test_zero_max_min_sees_everything_three_weakly() -> None:
@@ -100,16 +100,16 @@ def test_too_few_postures_are_named(tmp_path: Path) -> None:
 
 
 def test_the_text_tells_combination_cost_cure_and_the_classical_view(six: Path) -> None:
-    lost = glidecal("identifiability", "orthoglide", "--procedure", six, "--noise", "0.02").out
-    assert "3 of 6 combinations of the parameters are identifiable, 3 not." in lost
-    assert "NOT IDENTIFIABLE: d_rho_x + d_L_x." in lost
+    text = glidecal("identifiability", "orthoglide", "--procedure", six, "--noise", "0.02").out
+    assert "3 of 6 combinations of the parameters are identifiable, 3 not." in text
+    assert "NOT IDENTIFIABLE: d_rho_x + d_L_x." in text
     weak = glidecal("identifiability", "orthoglide", "--procedure", "zero-max-min").out
     assert "WEAK: d_rho_x + d_L_x known only to ±" in weak
     of_tool = r"\(95 %\), in the machine's own frame ±[\d.]+ mm at the tool\."
     assert re.search(of_tool, " ".join(weak.split()))
     assert "Best single addition: leg" in weak
     assert "WARNING: that test" in weak
-    assert max(map(len, (lost + weak).splitlines())) <= 80
+    assert max(map(len, (text + weak).splitlines())) <= 80
 
 
 def test_zero_added_to_the_six_differences_lets_everything_be_seen(six: Path) -> None:
@@ -189,10 +189,10 @@ def test_free_postures_are_one_procedure_for_each_mounting(tmp_path: Path) -> No
         *("-o", tmp_path / "best.toml"),
     )
     assert run.status == 0, run.err
-    written = sorted(tmp_path.glob("best-*.toml"))
-    assert len(written) >= 3
-    sessions = [path.with_suffix(".jsonl") for path in written]
-    for path, session in zip(written, sessions, strict=True):
+    paths = sorted(tmp_path.glob("best-*.toml"))
+    assert len(paths) >= 3
+    sessions = [path.with_suffix(".jsonl") for path in paths]
+    for path, session in zip(paths, sessions, strict=True):
         assert glidecal("run", "--dry-run", "--protocol", path).status == 0
         assert glidecal("simulate", "--protocol", path, "-o", session).status == 0
     solution = document("solve", *sessions, "--subset", "both")
@@ -245,10 +245,10 @@ def test_the_figure_is_of_the_postures_that_are_printed() -> None:
         if axis != "xyz".index(posture["leg"])
     ]
     legs, axes, levels, stations = (list(column) for column in zip(*readings, strict=True))
-    read = conditions(legs, axes, levels, station=stations)
-    rows = derivatives(Geometry(), np.zeros(6), read) / 0.02
-    for mount in range(read.mount_count):
-        rows[read.mount == mount] -= rows[read.mount == mount].mean(axis=0)
+    conditions_read = conditions(legs, axes, levels, station=stations)
+    rows = derivatives(Geometry(), np.zeros(6), conditions_read) / 0.02
+    for mount in range(conditions_read.mount_count):
+        rows[conditions_read.mount == mount] -= rows[conditions_read.mount == mount].mean(axis=0)
     value = np.prod(np.linalg.svd(rows, compute_uv=False)) ** (1 / 6)
     assert report["value"] == pytest.approx(value, rel=1e-7)
 

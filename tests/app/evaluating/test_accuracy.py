@@ -143,10 +143,10 @@ def test_all_documents_state_one_noise(samples: Path) -> None:
         rows[number, places.setdefault(place, len(places))] = 1.0
         rows[number, len(readings) + mounts.index(reading.mount)] = reading.time_s or 0.0
     values = np.array([reading.value_mm for reading in readings])
-    left = values - rows @ np.linalg.lstsq(rows, values, rcond=None)[0]
+    residual = values - rows @ np.linalg.lstsq(rows, values, rcond=None)[0]
     free = len(readings) - np.linalg.matrix_rank(rows)
     expected = {
-        "standard_deviation_mm": pytest.approx(np.sqrt(left @ left / free), rel=1e-3),
+        "standard_deviation_mm": pytest.approx(np.sqrt(residual @ residual / free), rel=1e-3),
         "degrees_of_freedom": pytest.approx(free),
     }
     for verb in ("solve", "diagnose"):

@@ -85,8 +85,8 @@ def test_a_belt_is_named_in_contacts(tmp_path: Path, scale: float) -> None:
     hidden = Hidden(offset_mm=(0.4, -0.3, 0.1), scale=(0.0, scale, 0.0))
     diagnosis = diagnose_sessions([session(tmp_path, contacts(hidden, 3))]).diagnosis
     assert diagnosis.verdict != "agrees"
-    named = {(effect.id, effect.where) for effect in diagnosis.effects}
-    assert ("actuator_scale", "y") in named
+    ids = {(effect.id, effect.where) for effect in diagnosis.effects}
+    assert ("actuator_scale", "y") in ids
 
 
 @pytest.mark.parametrize("bow_mm", first_quick([-0.5, 0.4]))
@@ -134,7 +134,7 @@ def test_contacts_and_readings_of_a_plate_stand_in_one_solution(tmp_path: Path) 
     by_contacts = session(tmp_path, contacts(hidden, 4), "contacts.csv")
     by_readings = session(tmp_path, table(hidden, 4), "readings.csv")
     diagnosis = diagnose_sessions([by_contacts, by_readings]).diagnosis
-    gains = [named for named in diagnosis.effects if named.id == "gauge_gain"]
+    gains = [effect for effect in diagnosis.effects if effect.id == "gauge_gain"]
     assert [named.where for named in gains] == ["tz"]
     (size,) = gains[0].parameters
     assert size.value == pytest.approx(20.0, abs=3.0 * size.standard_uncertainty)

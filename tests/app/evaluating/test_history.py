@@ -368,10 +368,10 @@ from app.evaluating.history import read_history
 past = read_history(Path({str(tmp_path)!r}), index=Path({str(tmp_path / "two")!r}), processors=2)
 print(past.waiting, len(past.machines[0].points))
 """
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", command], capture_output=True, text=True, check=True, cwd=ROOT
     )
-    assert done.stdout == f"0 {history.MANY}\n"
+    assert process.stdout == f"0 {history.MANY}\n"
     assert history_text(read_history(tmp_path, index=tmp_path / "two"), NOW) == one
 
 
@@ -385,11 +385,11 @@ def test_the_machine_that_is_shown_stays_when_others_come_before_it() -> None:
         )
         return history.history_of_machine(name, "measured", [(Path("a.jsonl"), entry)])
 
-    none = history.History(Path(), (), ((Path("b.jsonl"), "damaged"),), waiting=3)
-    assert none.of_shown(None).all_machines == ()
-    assert not none.of_shown(None).problems
+    empty = history.History(Path(), (), ((Path("b.jsonl"), "damaged"),), waiting=3)
+    assert empty.of_shown(None).all_machines == ()
+    assert not empty.of_shown(None).problems
     first = history.History(Path(), (past("second"),), ())
-    shown = first.of_shown(none.of_shown(None))
+    shown = first.of_shown(empty.of_shown(None))
     assert [machine.machine for machine in shown.machines] == ["second"]
     both = history.History(Path(), (past("first"), past("second")), ())
     assert [machine.machine for machine in both.of_shown(shown).machines] == ["second"]

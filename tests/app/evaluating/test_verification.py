@@ -87,10 +87,10 @@ def test_the_figure_shown_is_on_the_side_of_the_tolerance_that_was_decided(tmp_p
     for factor, status in ((1.0001, 0), (0.9999, 7)):
         run = glidecal("verify", *pair, "--tolerance", f"{factor * bound_mm:.12f}")
         assert run.status == status
-        shown = re.search(r"at most (\S+) mm r.m.s.", run.out)
-        assert shown
-        assert (float(shown[1]) <= factor * bound_mm) == (status == 0)
-        assert float(shown[1]) == pytest.approx(bound_mm, rel=0.05)
+        match = re.search(r"at most (\S+) mm r.m.s.", run.out)
+        assert match
+        assert (float(match[1]) <= factor * bound_mm) == (status == 0)
+        assert float(match[1]) == pytest.approx(bound_mm, rel=0.05)
 
 
 def test_without_a_tolerance_nothing_is_judged_and_a_hidden_effect_is_pointed_at(
@@ -146,5 +146,5 @@ def test_a_record_that_does_not_name_what_was_entered_is_pointed_at(tmp_path: Pa
     (remark,) = forgotten
     assert "d_rho_x, d_rho_y, d_rho_z of a.jsonl was entered, but not entered_offsets_mm" in remark
     rounded = tuple(round(mm, 2) for mm in D_RHO)
-    named = of_machine(second, tmp_path / "named.jsonl", entered_offsets_mm=rounded)
-    assert json.loads(glidecal("verify", first, named, "--json").out)["remarks"] == []
+    path = of_machine(second, tmp_path / "named.jsonl", entered_offsets_mm=rounded)
+    assert json.loads(glidecal("verify", first, path, "--json").out)["remarks"] == []

@@ -80,9 +80,9 @@ def differences(path: Path, *, report: bool = True) -> list[str]:
     solved = solve_files([path]).work_out()
     page = glance_text(solved, None, (), 76, exports=True, measures=True)
     figures, messages = shown_values(page), list[str]()
-    written = written_values(solved, path.with_suffix(""))
-    if figures != {name: round(mm, 4) for name, mm in written.items()}:
-        messages.append(f"shown {figures}, written {written}")
+    values = written_values(solved, path.with_suffix(""))
+    if figures != {name: round(mm, 4) for name, mm in values.items()}:
+        messages.append(f"shown {figures}, written {values}")
     bounds = re.findall(r"^(?:now|after) +([\d.]+) mm ", page, re.M)
     caution = json.loads((path.with_suffix("") / "offsets.json").read_text())["cautions"][0]
     stated = re.search(r"at most ([\d.]+) mm now, at most ([\d.]+) mm", caution)
@@ -104,8 +104,11 @@ def differences(path: Path, *, report: bool = True) -> list[str]:
 def printer(folder: Path, seed: int) -> Path:
     """Contacts of a printer, each part of which is off as parts of printers are."""
     chance = np.random.default_rng([seed, 11])
-    met = contacts(any_printer(chance), chance)
-    rows = [f"{x:.4f},{y:.4f},{z:.5f},0,{k // len(RINGS) + 1}" for k, (x, y, z) in enumerate(met)]
+    contacts_mm = contacts(any_printer(chance), chance)
+    rows = [
+        f"{x:.4f},{y:.4f},{z:.5f},0,{k // len(RINGS) + 1}"
+        for k, (x, y, z) in enumerate(contacts_mm)
+    ]
     table, machine_file = folder / f"p{seed}.csv", folder / "printer.toml"
     table.write_text("\n".join(["x_mm,y_mm,z_mm,height_mm,cycle", *rows]) + "\n")
     machine_file.write_text(machine_text(machine(), []), encoding="utf-8")
@@ -127,18 +130,22 @@ def printer_differences(path: Path) -> list[str]:
     text = (path.with_suffix("") / "klipper.cfg").read_text()
     rows = [line.split() for line in page.splitlines()]
     towers = [row for row in rows if row[:1] and row[0] in ("tower", "a", "b", "c")]
-    shown = [[float(word) for word in row if re.fullmatch(r"\d+\.\d+", word)] for row in towers]
-    shown = [figures for figures in shown if figures]  # a sentence may begin so, too
+    figures_of_towers = [
+        [float(word) for word in row if re.fullmatch(r"\d+\.\d+", word)] for row in towers
+    ]
+    figures_of_towers = [
+        figures for figures in figures_of_towers if figures
+    ]  # a sentence may begin so, too
     keys = ("position_endstop", "arm_length", "angle")
     by_key = [re.findall(rf"^{key}: ([\d.]+)", text, re.M) for key in keys]
     messages = []
     arm_mm = solved.sessions[0].opened.machine.geometry().leg_length_mm
-    pairs = zip(shown, zip(*by_key, strict=True), strict=True)
-    for tower, (figures, written) in enumerate(pairs):
+    pairs = zip(figures_of_towers, zip(*by_key, strict=True), strict=True)
+    for tower, (figures, values) in enumerate(pairs):
         unchanged = [arm_mm[tower], USUAL_ANGLES[tower]]  # which the page leaves out
         expected = figures[1::2] if len(figures) > 2 else [figures[1], *unchanged]
-        if expected != [round(float(value), 3) for value in written]:
-            messages.append(f"shown {figures}, written {written}")
+        if expected != [round(float(value), 3) for value in values]:
+            messages.append(f"shown {figures}, written {values}")
     for row in rows:
         if row[:1] == ["radius"] and f"{float(row[2]):.3f}" != _radius(text):
             messages.append(f"shown {row}, written {_radius(text)}")

@@ -92,10 +92,10 @@ def test_sign_new_is_old_plus_offset(session: Path, tmp_path: Path) -> None:
     ini.write_text("[TRAJ]\nLINEAR_UNITS = mm\n" + joints)
     run = glidecal("export", session, "--format", "linuxcnc", *LINEAR, "--ini", ini, "-o", tmp_path)
     assert run.status == 0, run.err
-    written = [(tmp_path / f"calib_joint{n}.inc").read_text() for n in range(3)]
-    numbers = [float(text.rsplit("=", 1)[1]) for text in written]
+    path = [(tmp_path / f"calib_joint{n}.inc").read_text() for n in range(3)]
+    numbers = [float(text.rsplit("=", 1)[1]) for text in path]
     assert numbers == pytest.approx([0.5 - 0.4856, 1.5 + 0.4990, 2.5 - 1.6712], abs=1e-4)
-    for text in written:
+    for text in path:
         (last,) = [line for line in text.splitlines() if not line.startswith("#")]
         assert last.startswith("HOME_OFFSET = ")
 
@@ -420,8 +420,8 @@ def test_a_newline_in_a_caution_writes_no_row_and_no_formula(session: Path, tmp_
 
 def test_cells_that_look_like_formulas_are_text() -> None:
     rows = [["=1+1", "-0.5", "+1e-3", "-1+cmd|' /C calc'!A0", "@A1", "a\nb", "\t=2"]]
-    (read,) = csv.reader(csv_text(rows).splitlines())
-    assert read == [
+    (row,) = csv.reader(csv_text(rows).splitlines())
+    assert row == [
         "'=1+1'",
         "-0.5",
         "+1e-3",

@@ -65,8 +65,8 @@ def test_no_error_is_made_up_at_a_switch_far_from_the_travel(tmp_path: Path) -> 
     assert entry(only_play["calib_joint1.inc"], "HOME_OFFSET") == "1.310000"
     encoder = far.replace("HOME_LATCH_VEL = -1", "HOME_ABSOLUTE_ENCODER = 1")
     (tmp_path / "new").mkdir()
-    met = exported(tmp_path / "new", effect("actuator_scale", "y", scale=2.0), ini=encoder)
-    assert entry(met["calib_joint1.inc"], "HOME_OFFSET") == "1.250000"
+    document = exported(tmp_path / "new", effect("actuator_scale", "y", scale=2.0), ini=encoder)
+    assert entry(document["calib_joint1.inc"], "HOME_OFFSET") == "1.250000"
 
 
 def test_play_is_backlash_and_latched_downwards_in_home_offset(tmp_path: Path) -> None:

@@ -150,9 +150,9 @@ def test_no_document_drops_what_the_firmware_of_a_printer_holds(
     )
     for tower in firmware["towers"]:
         stepper = file[f"stepper_{tower['tower']}"]
-        written = [stepper.getfloat(key) for key in ("position_endstop", "arm_length", "angle")]
+        value = [stepper.getfloat(key) for key in ("position_endstop", "arm_length", "angle")]
         entries = [tower[key]["then"] for key in ("endstop_mm", "arm_mm", "angle_deg")]
-        assert entries == pytest.approx(written, abs=1e-6)
+        assert entries == pytest.approx(value, abs=1e-6)
     tool = document("diagnose", simulated, "--json")["tool"]
     for bound_mm in (firmware["bound"]["touched_off_mm"], tool["firmware_mm"]):
         assert bound_mm == pytest.approx(float(bound), abs=5e-4)

@@ -102,26 +102,26 @@ def test_what_the_controller_would_not_start_with(
 def inivar(path: Path, section: str, key: str) -> str | None:
     """What LinuxCNC's own reader says; None for nothing."""
     assert INIVAR is not None
-    done = subprocess.run(
+    process = subprocess.run(
         [INIVAR, "-ini", path, "-sec", section, "-var", key],
         check=False,
         capture_output=True,
         text=True,
     )
-    return done.stdout.rstrip("\n") or None if done.returncode == 0 else None
+    return process.stdout.rstrip("\n") or None if process.returncode == 0 else None
 
 
 def expanded(path: Path) -> Path:
     """The file with its includes, by the shell function of LinuxCNC's start script."""
     assert START is not None
     script = 'GREP=grep; eval "$(sed -n "/^function handle_includes/,/^}/p" "$1")"; '
-    done = subprocess.run(
+    process = subprocess.run(
         ["bash", "-c", f'{script} handle_includes "$2"', "x", START, path],
         check=True,
         capture_output=True,
         text=True,
     )
-    return Path(done.stdout.strip().splitlines()[-1])
+    return Path(process.stdout.strip().splitlines()[-1])
 
 
 @LONG
@@ -131,7 +131,7 @@ def test_every_sample_of_the_controller_reads_alike(tmp_path: Path, part: int) -
     """Of its sample files, in a copy: 0 entries differ, and machines of three joints are taken."""
     copy = tmp_path / "samples"
     shutil.copytree(SAMPLES, copy, symlinks=True)
-    different, read, refused = [], 0, []
+    different, count, refused = [], 0, []
     for path in sorted(copy.rglob("*.ini"))[part::3]:
         try:
             entries = Entries(path)
@@ -145,11 +145,11 @@ def test_every_sample_of_the_controller_reads_alike(tmp_path: Path, part: int) -
                 different.append(f"{path}: [{section}] {key}: {ours!r}, {theirs!r}")
         try:
             read_controller(path)
-            read += 1
+            count += 1
         except GlidecalError as problem:
             refused.append(f"{path.name}: {problem}")
     assert not different, different
-    assert read > 80
+    assert count > 80
     reasons = ("JOINTS: found 2", "no section [JOINT", "LINEAR_UNITS: found nothing")
     assert not [words for words in refused if not any(r in words for r in reasons)], refused
 
@@ -204,8 +204,8 @@ def test_joints_of_the_machine_file_come_before_those_of_the_kinematics(tmp_path
     assert glidecal("simulate", "--machine", machine, "--seed", "2", "-o", session).status == 0
     correction = json.loads(glidecal("solve", session, "--json").out)["correction"]
     d_rho = {name: entry["value"] for name, entry in correction["values"].items()}
-    written = glidecal("export", session, "--format", "linuxcnc", "-o", out)
-    assert written.status == 0, written.err
+    run = glidecal("export", session, "--format", "linuxcnc", "-o", out)
+    assert run.status == 0, run.err
     new = [3.0 + d_rho["d_rho_z"], 1.0 - d_rho["d_rho_x"], 2.0 + d_rho["d_rho_y"]]
     for n, value in enumerate(new):
         text = (out / f"calib_joint{n}.inc").read_text()

@@ -27,14 +27,14 @@ def planned() -> list[tuple[float, float]]:
 
 def probed(text: str) -> list[tuple[float, float]]:
     """Where each probing move of any of the three firmwares meets the plate."""
-    place, met = MIDDLE, []
+    place, points = MIDDLE, []
     for line in text.splitlines():
         words = {word[0]: float(word[1:]) for word in line.split()[1:] if line[0] != ";"}
         if line.startswith(("G1 ", "G30")) and "X" in words:
             place = words["X"], words["Y"]
         if line.startswith("G30") or line == "PROBE":
-            met.append(place)
-    return met
+            points.append(place)
+    return points
 
 
 def ran(*arguments: str | Path) -> str:
@@ -45,9 +45,9 @@ def ran(*arguments: str | Path) -> str:
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_every_planned_place_is_probed_in_its_order(dialect: str) -> None:
-    met, places = probed(ran(*DRY, "--macro", dialect)), planned()
-    assert len(met) == len(places) == 58
-    for (x, y), (to_x, to_y) in zip(met, places, strict=True):
+    points, places = probed(ran(*DRY, "--macro", dialect)), planned()
+    assert len(points) == len(places) == 58
+    for (x, y), (to_x, to_y) in zip(points, places, strict=True):
         assert (x, y) == pytest.approx((to_x, to_y), abs=0.0051 if dialect == "marlin" else 1e-9)
 
 

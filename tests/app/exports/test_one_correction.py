@@ -95,8 +95,8 @@ def test_every_number_that_is_shown_first_is_written(session: Path, tmp_path: Pa
     correction = answered(session)
     values = {name: entry["value"] for name, entry in correction["values"].items()}
     assert list(values) == ["d_rho_x", "d_rho_y", "d_rho_z"]
-    written = json.loads(exported(session, tmp_path / "j", "--format", "json").read_text())
-    assert {name: entry["value"] for name, entry in written["parameters"].items()} == values
+    document = json.loads(exported(session, tmp_path / "j", "--format", "json").read_text())
+    assert {name: entry["value"] for name, entry in document["parameters"].items()} == values
     lines = exported(session, tmp_path / "c", "--format", "csv").read_text().splitlines()
     rows = csv.DictReader(line for line in lines if not line.startswith("#"))
     rounded = {name: round(value, 6) for name, value in values.items()}
@@ -155,8 +155,8 @@ def test_what_more_a_controller_holds_is_written_too(session: Path, tmp_path: Pa
         if "COMP_FILE" not in text:
             assert ("BACKLASH" in text) == (play > 1e-6)  # less is none
         if "BACKLASH = " in text:
-            written = float(text.rpartition("BACKLASH = ")[2].split()[0])
-            assert written == pytest.approx(play, abs=2e-4)
+            value = float(text.rpartition("BACKLASH = ")[2].split()[0])
+            assert value == pytest.approx(play, abs=2e-4)
 
 
 @pytest.fixture(scope="module")
@@ -199,9 +199,9 @@ def test_the_frame_changes_the_values_and_stands_beside_them(tilt: Path, tmp_pat
     key = "aligned_mm"
     assert aligned["bound"][key] < machine["bound"][key]
     options = ("--format", "json", "--frame", "aligned")
-    written = json.loads(exported(tilt, tmp_path / "o", *options).read_text())
-    assert written["parameters"]["d_rho_x"]["value"] == entered[1]
-    assert "with these values, for an aligned workpiece;" in written["cautions"][0]
+    document = json.loads(exported(tilt, tmp_path / "o", *options).read_text())
+    assert document["parameters"]["d_rho_x"]["value"] == entered[1]
+    assert "with these values, for an aligned workpiece;" in document["cautions"][0]
 
 
 def test_the_frame_of_the_machine_file_is_taken(tilt: Path, tmp_path: Path) -> None:
@@ -240,11 +240,11 @@ def test_a_set_that_is_asked_for_is_written_as_it_is_identified(tilt: Path, tmp_
     options = ("--subset", "joint-offsets")
     solved = json.loads(glidecal("solve", tilt, *options, "--json").out)
     out = exported(tilt, tmp_path / "o", *options, "--format", "json")
-    written = json.loads(out.read_text())
+    document = json.loads(out.read_text())
     for name, parameter in solved["parameters"].items():
-        assert written["parameters"][name]["value"] == parameter["value"]
-    assert written["cautions"][1].startswith("NOTE: the set joint-offsets is written as")
-    bound = re.search(r"at most ([\d.]+) mm with these values", written["cautions"][0])
+        assert document["parameters"][name]["value"] == parameter["value"]
+    assert document["cautions"][1].startswith("NOTE: the set joint-offsets is written as")
+    bound = re.search(r"at most ([\d.]+) mm with these values", document["cautions"][0])
     assert bound is not None
     assert float(bound[1]) >= round(solved["correction"]["bound"]["touched_off_mm"], 3) - 5e-4
 

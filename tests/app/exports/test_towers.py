@@ -67,8 +67,8 @@ class Hidden:
 
     def tool(self, travel_mm: FloatArray) -> FloatArray:
         """Where three spheres meet ``(..., 3)``, by Newton's method."""
-        believed = np.array(ENDSTOPS) + math.sqrt(BAR**2 - RADIUS**2)
-        height = believed + self.switch_mm - (1.0 + np.array(self.stretch)) * travel_mm
+        height_mm = np.array(ENDSTOPS) + math.sqrt(BAR**2 - RADIUS**2)
+        height = height_mm + self.switch_mm - (1.0 + np.array(self.stretch)) * travel_mm
         out = outward(ANGLES)
         across = np.stack([-out[:, 1], out[:, 0]], axis=1)
         feet = (RADIUS + np.array(self.out_mm))[:, None] * out

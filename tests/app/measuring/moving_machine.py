@@ -261,7 +261,7 @@ def with_faults(
     """
     chance = random.Random(seed)
     stops_s: list[tuple[float, str]] = []
-    met = 0
+    count = 0
     tries = 0
     order = chance.sample(troubles, len(troubles))
     profile = PROMPT if "indicator" in troubles else MITUTOYO_01A
@@ -270,8 +270,8 @@ def with_faults(
             tries += 1
             assert tries < MOST_TRIES, guided.mover and guided.mover.why
             timer: threading.Timer | None = None
-            if met < draws:
-                trouble = order[met % len(order)]
+            if count < draws:
+                trouble = order[count % len(order)]
                 went_on: list[tuple[float, str]] = []
 
                 def strike(
@@ -290,7 +290,7 @@ def with_faults(
             except GlidecalError:
                 if timer is not None:
                     timer.join()
-                    met += 1
+                    count += 1
                     stops_s += went_on
             else:
                 if timer is not None:
@@ -299,7 +299,7 @@ def with_faults(
             twin.mend()
             bench.unplugged = False
             operator_looks(guided)
-    return wrong(taken(path), bench), stops_s, met
+    return wrong(taken(path), bench), stops_s, count
 
 
 def operator_looks(guided: GuidedSession) -> None:
@@ -406,13 +406,13 @@ def main() -> None:
 
     One in seven of them kills the program itself.
     """
-    goal, met, seed = int(sys.argv[1]), 0, 0
+    goal, count, seed = int(sys.argv[1]), 0, 0
     kills = goal // 7
     stops_s: list[tuple[float, str]] = []
-    while met < goal - kills:
+    while count < goal - kills:
         seed += 1
         problems, stopped, struck = with_faults(Path(mkdtemp()) / "a.jsonl", seed, 12)
-        met, stops_s = met + struck, stops_s + stopped
+        count, stops_s = count + struck, stops_s + stopped
         print(
             f"session {seed}: {struck} faults, {len(problems)} wrong readings {problems}",
             flush=True,
@@ -420,11 +420,11 @@ def main() -> None:
     while kills > 0:
         seed += 1
         summary = killed_and_continued(Path(mkdtemp()), seed, min(kills, 7), 3000.0)
-        met, kills = met + min(kills, 7), kills - 7
+        count, kills = count + min(kills, 7), kills - 7
         stops_s.append((float(str(summary["longest_stop_s"])), "killed"))
         print(f"session {seed}: {summary}", flush=True)
     longer = sorted(f"{name} {s:.2f} s" for s, name in stops_s if s > STOP_S)
-    print(f"{met} faults, longest {max(stops_s)}, longer than {STOP_S} s: {', '.join(longer)}")
+    print(f"{count} faults, longest {max(stops_s)}, longer than {STOP_S} s: {', '.join(longer)}")
 
 
 if __name__ == "__main__":

@@ -135,9 +135,9 @@ def test_nothing_from_before_holds_after(tmp_path: Path) -> None:
     ):
         with pytest.raises(UsageError, match="mechanically changed between them"):
             attempt()
-    done = glidecal("diagnose", earlier, later)
-    assert done.status == 2
-    assert "mechanically changed" in done.err
+    run = glidecal("diagnose", earlier, later)
+    assert run.status == 2
+    assert "mechanically changed" in run.err
 
 
 def test_the_name_in_the_machine_file_tells_it_too(tmp_path: Path) -> None:
@@ -192,19 +192,19 @@ def test_the_next_session_starts_from_the_drives_as_they_lie(tmp_path: Path) -> 
 def test_bad_input(tmp_path: Path) -> None:
     machine = tmp_path / "m.toml"
     machine.write_text('schema = "glidecal.machine/1"\nrail_mm = [300.0, 200.0]\n')
-    done = glidecal("align", "--machine", machine, "--simulated")
-    assert done.status == 3
-    assert "rail_mm: the nearer end first" in done.err
+    run = glidecal("align", "--machine", machine, "--simulated")
+    assert run.status == 3
+    assert "rail_mm: the nearer end first" in run.err
     assert glidecal("align").status == 2
-    done = glidecal("align", "--machine", "linear-delta", "--simulated")
-    assert done.status == 2
-    assert "are not along their drives at one Zero" in done.err  # not a crash on the screen
-    done = glidecal("align", "--protocol", "plane", "--simulated")
-    assert done.status == 5
-    assert "do not show squareness xy" in done.err  # before any of it is measured
-    done = glidecal("align", "--simulated")
-    assert done.status == 2
-    assert "--headless" not in done.err  # it has no such option
+    run = glidecal("align", "--machine", "linear-delta", "--simulated")
+    assert run.status == 2
+    assert "are not along their drives at one Zero" in run.err  # not a crash on the screen
+    run = glidecal("align", "--protocol", "plane", "--simulated")
+    assert run.status == 5
+    assert "do not show squareness xy" in run.err  # before any of it is measured
+    run = glidecal("align", "--simulated")
+    assert run.status == 2
+    assert "--headless" not in run.err  # it has no such option
     (tmp_path / "s.jsonl").touch()  # a file that is not there is named first
     for unused in (
         *(("--simulated",), ("--seed", "1"), ("--protocol", "align")),
@@ -218,9 +218,9 @@ def test_bad_input(tmp_path: Path) -> None:
     assert "a session that was measured" in glidecal("align", "--simulated", "--json").err
     delta = tmp_path / "d.jsonl"
     assert glidecal("simulate", "--machine", "linear-delta", "-o", delta).status == 0
-    done = glidecal("align", delta)
-    assert done.status == 2
-    assert "are not along their drives at one Zero" in done.err
+    run = glidecal("align", delta)
+    assert run.status == 2
+    assert "are not along their drives at one Zero" in run.err
 
 
 def test_a_star_is_brought_to_its_machine_file(tmp_path: Path) -> None:

@@ -177,9 +177,9 @@ def test_unknown_names_list_what_exists() -> None:
     assert "silence" in refused(2, "simulate-indicator", "sylvac", "--fault", "madness")
     assert "µm" in refused(2, "indicator", "read", "COM9", "--unit", "cubit")
     listed = glidecal("simulate-indicator", "sylvac", "--fault", "list").out.splitlines()
-    named = dict(line.split(maxsplit=1) for line in listed)
-    assert named["over-range"] == "answers ERR3, over range"
-    assert set(LineTrouble) < set(named), "each with its explanation"
+    names = dict(line.split(maxsplit=1) for line in listed)
+    assert names["over-range"] == "answers ERR3, over range"
+    assert set(LineTrouble) < set(names), "each with its explanation"
 
 
 def test_enter_goes_on_and_a_number_goes_there() -> None:
@@ -267,8 +267,8 @@ def test_indicators_of_the_machine_file(tmp_path: Path) -> None:
     ),
 )
 def test_demo_with_other_indicators(profiles: tuple[str, ...], tmp_path: Path) -> None:
-    named = [part for name in profiles for part in ("--profile", name)]
-    run = glidecal("demo", "--headless", *named, cwd=tmp_path)
+    options = [part for name in profiles for part in ("--profile", name)]
+    run = glidecal("demo", "--headless", *options, cwd=tmp_path)
     assert run.status == 0, run.err
     assert "Leg deviations went from" in run.out
 

@@ -102,11 +102,11 @@ def test_no_fault_leaves_a_reading_of_a_wrong_posture(seed: int, tmp_path: Path)
     first: `tests/drivers/motion/test_line.py` and `tests/controller`.
     """
     kinds = EVERY_KIND[seed - 1 :: 2]
-    problems, stops_s, met = with_faults(
+    problems, stops_s, count = with_faults(
         tmp_path / "a.jsonl", seed, 3, FAST, troubles=kinds, latest_s=0.7
     )
     assert not problems
-    assert len(stops_s) == met == 3
+    assert len(stops_s) == count == 3
     assert read_record(tmp_path / "a.jsonl").end == "closed"
 
 

@@ -37,9 +37,9 @@ def test_what_does_not_open_is_tried_again_at_the_same_port_or_at_another(
     assert check.open() is None
     assert fitting(check, opened=False) == ["retry", "port"]
     assert refused_text(check).startswith(str(check.problem))
-    name, adapter, used = check.lost
+    name, adapter, ports_in_use = check.lost
     assert name == f"indicator 2 (sylvac, {gone})"
-    assert (adapter, used) == ("", [refused, gone])
+    assert (adapter, ports_in_use) == ("", [refused, gone])
     check.read_at("COM5")
     assert [instrument.port for instrument in check.plan.instruments] == [refused, "COM5"]
 

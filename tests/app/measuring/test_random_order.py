@@ -13,14 +13,14 @@ GEOMETRY = load_machine(None).geometry()
 
 
 def test_same_postures_in_another_order() -> None:
-    written = load_procedure("verify", GEOMETRY)
-    mixed = shuffled(written, 7)
+    procedure = load_procedure("verify", GEOMETRY)
+    mixed = shuffled(procedure, 7)
     assert mixed.random_seed == 7
-    before = [(s.leg, s.cycle, s.displacement_mm) for s in written.steps(GEOMETRY)]
+    before = [(s.leg, s.cycle, s.displacement_mm) for s in procedure.steps(GEOMETRY)]
     after = [(s.leg, s.cycle, s.displacement_mm) for s in mixed.steps(GEOMETRY)]
     assert before != after
     assert sorted(before) == sorted(after)
-    again = shuffled(written, 7)
+    again = shuffled(procedure, 7)
     assert again.steps(GEOMETRY) == mixed.steps(GEOMETRY)
 
 

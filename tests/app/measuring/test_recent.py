@@ -58,18 +58,18 @@ def test_a_thousand_large_sessions_are_listed_by_few_bytes(
     write_whole(path, opened(), [*LARGE])
     for number in range(1, 1000):
         (tmp_path / f"{number}.jsonl").hardlink_to(path)
-    read: list[int] = []
+    sizes: list[int] = []
     real = record.parse_line
 
     def counted(path: Path, number: int, line: bytes) -> Event:
-        read.append(len(line))
+        sizes.append(len(line))
         return real(path, number, line)
 
     monkeypatch.setattr(record, "parse_line", counted)
     began_s = time.process_time()
     assert len(recent_sessions(tmp_path)) == MOST
     assert time.process_time() - began_s < 5.0
-    assert sum(read) < MOST * SMALL_BYTES
+    assert sum(sizes) < MOST * SMALL_BYTES
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX pipes")

@@ -248,8 +248,8 @@ def test_a_number_is_of_one_certificate(tmp_path: Path, monkeypatch: pytest.Monk
     path = laboratory(tmp_path, monkeypatch)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     for name in ("a.html", "a.xml"):
-        done = glidecal("report", SIXTY, "--certificate", path, "-o", tmp_path / name)
-        assert done.status == 0, done.err
+        run = glidecal("report", SIXTY, "--certificate", path, "-o", tmp_path / name)
+        assert run.status == 0, run.err
     again = ("report", MANY, "--certificate", path, "-o", tmp_path / "b.html")
     refusal = refused(2, *again)
     assert "a number that another certificate has" in refusal

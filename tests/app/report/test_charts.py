@@ -130,8 +130,8 @@ def test_where_no_name_has_room_groups_are_named_in_words() -> None:
         for leg, axis in permutations("XYZ", 2)
     )
     legs = tuple(name.partition(",")[0] for name in names)
-    left = Series("left", tuple(range(1, 13)), tuple(range(12)))
-    chart = Chart("Left", "", "mm", (left,), names, x_groups=legs)
+    series = Series("left", tuple(range(1, 13)), tuple(range(12)))
+    chart = Chart("Left", "", "mm", (series,), names, x_groups=legs)
     low, high = chart_text(chart, 12, 80), chart_text(chart, 20, 80)
     assert "each: MAX, MIN" in low
     assert all(leg in low for leg in legs)

@@ -88,14 +88,14 @@ def test_a_port_is_chosen_of_those_that_are_free_or_typed(monkeypatch: pytest.Mo
     assert asked(other_port(person, "indicator 1", "A7", ["/dev/one"])) == "/dev/two"
     same = "/dev/two  another, the same adapter, no. A7"
     assert person.offered == [[same, f"{typed}: type it"]]
-    used = [port for port, _ in ports]
-    assert asked(other_port(person, "indicator 1", "A7", used)) == "socket://gauges:4001"
+    ports_in_use = [port for port, _ in ports]
+    assert asked(other_port(person, "indicator 1", "A7", ports_in_use)) == "socket://gauges:4001"
     assert "No other serial port is here" in person.questions[1]
     assert person.offered[1] == [f"{typed}: type it"]
-    assert asked(other_port(person, "indicator 1", "A7", used)) is None
+    assert asked(other_port(person, "indicator 1", "A7", ports_in_use)) is None
     with pytest.raises(IndicatorError, match="Allowed: a serial port, socket://HOST:PORT"):
-        asked(other_port(person, "indicator 1", "A7", used))
-    assert asked(other_port(person, "indicator 1", "A7", used)) is None
+        asked(other_port(person, "indicator 1", "A7", ports_in_use))
+    assert asked(other_port(person, "indicator 1", "A7", ports_in_use)) is None
 
 
 def test_what_is_asked_of_a_hexa_slide() -> None:

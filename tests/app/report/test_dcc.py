@@ -391,8 +391,8 @@ def test_a_signature_is_verified(
     monkeypatch.setenv("GLIDECAL_KEY_PASSWORD", "secret")
     target = tmp_path / "c.xml"
     arguments = ("report", SIMULATED, "--certificate", order, "--sign", keys / key, "-o", target)
-    done = glidecal(*arguments)
-    assert done.status == 0, done.err
+    run = glidecal(*arguments)
+    assert run.status == 0, run.err
     xml = target.read_bytes()
     assert faults_of(xml.decode()) == []
     certificate_path = keys / ("curve.pem" if key == "curve.pem" else "trusted.pem")
@@ -415,14 +415,14 @@ def test_another_library_verifies_the_signature(
 ) -> None:
     target = tmp_path / "c.xml"
     signing = ("--certificate", order, "--sign", keys / "rsa.pem")
-    done = glidecal("report", SIMULATED, *signing, "-o", target)
-    assert done.status == 0, done.err
+    run = glidecal("report", SIMULATED, *signing, "-o", target)
+    assert run.status == 0, run.err
     store = dcc.DCCTrustStore()
     store.load_trusted_root_from_file(str(keys / "trusted.pem"))
-    read = dcc.DCC(byte_array=target.read_bytes(), trust_store=store)
-    assert read.status_report.is_signed
-    assert read.status_report.valid_signature
-    assert abs((read.get_signing_time() - datetime.now(UTC)).total_seconds()) < 300.0
+    certificate = dcc.DCC(byte_array=target.read_bytes(), trust_store=store)
+    assert certificate.status_report.is_signed
+    assert certificate.status_report.valid_signature
+    assert abs((certificate.get_signing_time() - datetime.now(UTC)).total_seconds()) < 300.0
 
 
 @pytest.mark.parametrize(

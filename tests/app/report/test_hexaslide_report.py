@@ -110,8 +110,8 @@ def test_nothing_is_entered_that_is_not_shown_to_be_better(
 ) -> None:
     """Of a machine file that is true the session says to keep it; so does its report."""
     truth = simulated_truth(read_postures(pair[0])[0])
-    kept = posture_session(tmp_path / "k.jsonl", "position", 13, truth, truth)
-    report = words(html_of(source_of_postures(kept).page()))
+    path = posture_session(tmp_path / "k.jsonl", "position", 13, truth, truth)
+    report = words(html_of(source_of_postures(path).page()))
     assert "Keep the file, or measure more" in report
     assert report.count("Change nothing in the controller") == 2
     assert "Enter the calibrated machine" not in report

@@ -33,8 +33,8 @@ def test_every_reading_is_a_point_of_both_parts(figures: SessionFigures) -> None
         for chart in leg.charts:
             points = sorted(x for series in chart.series for x in series.x)
             name, axis = leg.title[4].lower(), leg.title[-1].lower()
-            read = [r for r in session.readings if (r.leg, r.axis) == (name, axis)]
-            assert points == sorted(r.displacement_mm for r in read)
+            readings = [r for r in session.readings if (r.leg, r.axis) == (name, axis)]
+            assert points == sorted(r.displacement_mm for r in readings)
         assert {s.name: s.mark for s in leg.readings.series} == MARKS
 
 

@@ -95,9 +95,9 @@ def test_json_has_what_the_page_has(tmp_path: Path) -> None:
         entries = (tower[key] for key in ("endstop_mm", "arm_mm", "angle_deg"))
         figures = [entry[when] for entry in entries for when in ("now", "then")]
         assert figures == pytest.approx(rows(text)[tower["tower"]], abs=5.1e-4)
-    shown = re.findall(r"touched off: a shift is free +(\S+) +(\S+)", text)
+    match = re.findall(r"touched off: a shift is free +(\S+) +(\S+)", text)
     bounds = correction["bound_now"], firmware["bound"]
-    for words, bound in zip(*shown, bounds, strict=True):
+    for words, bound in zip(*match, bounds, strict=True):
         assert float(words) == pytest.approx(bound["touched_off_mm"], rel=0.05)
     (tmp_path / "later").mkdir()
     after = session_of(tmp_path / "later", m503(true.Hidden(), 2))

@@ -80,16 +80,16 @@ def test_nuisance_is_fitted_too() -> None:
 )
 def test_swap_formula_is_the_recomputed_determinant(seed: int, r: int, k: int, extra: int) -> None:
     rows = random_rows(seed, 9, r, k)
-    chosen = np.random.default_rng(seed).choice(9, min(k + extra, 9), replace=False)
+    subset = np.random.default_rng(seed).choice(9, min(k + extra, 9), replace=False)
     pool = Candidates(rows)
 
     def information(rows_chosen: IntArray) -> FloatArray:
         return pool.information(rows_chosen) + np.eye(k)  # else some swaps leave next to nothing
 
-    before = information(chosen)
-    ratios = swap_ratios(rows, chosen, np.asarray(np.linalg.inv(before)))
-    for incoming, place in itertools.product(range(9), range(len(chosen))):
-        changed = chosen.copy()
+    before = information(subset)
+    ratios = swap_ratios(rows, subset, np.asarray(np.linalg.inv(before)))
+    for incoming, place in itertools.product(range(9), range(len(subset))):
+        changed = subset.copy()
         changed[place] = incoming
         expected = np.linalg.det(information(changed)) / np.linalg.det(before)
         assert ratios[incoming, place] == pytest.approx(expected, rel=1e-7, abs=1e-9)

@@ -126,14 +126,14 @@ def test_claims_of_a_posterior_are_its_models_read_one_by_one() -> None:
     value = session.observed.value_mm
     value[(session.observed.leg == 0) & (session.observed.axis == 1)] *= -1.0
     models = posterior([session])
-    read = Claims.of(models)
-    assert sum(read.weights.values()) == pytest.approx(1.0)
-    named, unnamed, reversed_sign = 0.0, 0.0, 0.0
+    claims = Claims.of(models)
+    assert sum(claims.weights.values()) == pytest.approx(1.0)
+    of_names, unnamed, reversed_sign = 0.0, 0.0, 0.0
     for model in models.models:
         kinds = {models.components[k].kind for k in model.members}
         free = bool(kinds & {"nameless", ELSE})
         unnamed += model.weight * free
-        named += model.weight * (not free and bool(kinds or model.mistakes))
+        of_names += model.weight * (not free and bool(kinds or model.mistakes))
         signs = [
             mistake
             for mistake in model.mistakes
@@ -141,9 +141,9 @@ def test_claims_of_a_posterior_are_its_models_read_one_by_one() -> None:
         ]
         reversed_sign += model.weight * bool(signs)
     assert reversed_sign > 0.9
-    assert read.named == pytest.approx(named)
-    assert read.unnamed == pytest.approx(unnamed)
-    assert read.places[Named("gauge_sign", "xy")] == pytest.approx(reversed_sign)
+    assert claims.named == pytest.approx(of_names)
+    assert claims.unnamed == pytest.approx(unnamed)
+    assert claims.places[Named("gauge_sign", "xy")] == pytest.approx(reversed_sign)
 
 
 def bounds_mm(posterior: Posterior) -> list[float]:

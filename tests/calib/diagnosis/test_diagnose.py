@@ -182,9 +182,9 @@ def test_two_effects_do_not_pass_for_one_in_every_place() -> None:
         EffectInstance(LAWS["axis_squareness"], "xy", (0.7,)),
     )
     diagnosis = diagnose([case(SWEEP, *pair, seed=1)], CATALOGUE)
-    named = {name for name, _ in names(diagnosis)}
+    ids = {name for name, _ in names(diagnosis)}
     rivals = {r.id for effect in diagnosis.effects for r in effect.indistinguishable_from}
-    assert {"gauge_gain", "axis_squareness"} <= named | rivals
+    assert {"gauge_gain", "axis_squareness"} <= ids | rivals
     assert ("leg_taper", "x,y,z") not in names(diagnosis)
 
 

@@ -30,13 +30,13 @@ def left_by_the_true_effect_mm(cells: Cells, effect: EffectInstance) -> float:
     design: FloatArray = root[:, None] * np.column_stack([zeros, base, column])
     design = design / np.linalg.norm(design, axis=0)
     residual = root * (means.value_mm - readings[0])
-    missed = []
+    errors = []
     for leg in range(3):
         for side in (1.0, -1.0):
             out = (means.leg == leg) & (np.sign(means.displacement_mm) == side)
             x = np.linalg.lstsq(design[~out], residual[~out], rcond=1e-12)[0]
-            missed.append((residual[out] - design[out] @ x) / root[out])
-    return float(np.sqrt(np.mean(np.concatenate(missed) ** 2)))
+            errors.append((residual[out] - design[out] @ x) / root[out])
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
 @pytest.mark.parametrize("observed", [SWEEP, TWO_STATION])

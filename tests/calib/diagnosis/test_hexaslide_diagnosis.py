@@ -67,8 +67,8 @@ def test_hidden_machines_of_the_bench() -> None:
     inside = 0
     for seed in range(100, 112):
         what, diagnosis = case("position", seed)
-        named = {cause for claim in diagnosis.named for cause in claim.causes}
-        assert named <= set(what.truth)
+        ids = {cause for claim in diagnosis.named for cause in claim.causes}
+        assert ids <= set(what.truth)
         inside += what.truth in {claim.causes for claim in diagnosis.claims}
     assert inside >= 11
 

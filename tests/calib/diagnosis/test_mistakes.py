@@ -360,16 +360,16 @@ def test_repeats_read_in_place_get_no_name(conditions: Observations, sessions: i
     """Every posture is off by the scatter of a reading; the repeats do not show it."""
     keys = np.stack([conditions.mount, conditions.displacement_mm, conditions.approach])
     cell = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
-    doubts, named = 0, 0
+    doubts, count = 0, 0
     for seed in range(sessions):
         session = case(conditions, seed=seed)
         noise = SCATTER_MM * np.random.default_rng([7, seed]).normal(size=cell.max() + 1)
         diagnosis = diagnose([with_values(session, session.observed.value_mm + noise[cell])])
         assert diagnosis.verdict != "explained"
         doubts += diagnosis.verdict in ("unexplained", "partly-explained")
-        named += bool(diagnosis.effects)
+        count += bool(diagnosis.effects)
     assert doubts >= sessions - sessions // 6
-    assert named <= 1
+    assert count <= 1
 
 
 @pytest.mark.parametrize("off", first_quick([0.0, 2.0]))

@@ -35,8 +35,8 @@ def left_of_table_1(values: tuple[float, ...]) -> FloatArray:
     for row, (i, j) in enumerate(OF_PAIRS):
         matrix[2 * row, [i, j]] = a_max - a_min, b_max - b_min
         matrix[2 * row + 1, [i, j]] = b_max - b_min, a_max - a_min
-    read = np.array(values)
-    return np.asarray(read - matrix @ np.linalg.lstsq(matrix, read, rcond=None)[0])
+    readings = np.array(values)
+    return np.asarray(readings - matrix @ np.linalg.lstsq(matrix, readings, rcond=None)[0])
 
 
 def published(*numbers: str, held_out: str = "") -> SharedPattern:

@@ -151,8 +151,8 @@ def test_sliders_without_a_posture_are_always_told_and_the_bad_one_named() -> No
     good = inverse(H60.geometry, some(H60, 1))
     for _ in range(100):
         sliders = generator.uniform(2.0, 30.0, (1, 6)) * [1.0, -1.0, 1.0, -1.0, 1.0, -1.0]
-        named = f"posture of the sliders .{sliders[0, 0]:g}, {sliders[0, 1]:g}"
-        with pytest.raises(UnreachablePosture, match=named):
+        count = f"posture of the sliders .{sliders[0, 0]:g}, {sliders[0, 1]:g}"
+        with pytest.raises(UnreachablePosture, match=count):
             forward(H60.geometry, np.vstack([good, sliders]), H60.box)
 
 

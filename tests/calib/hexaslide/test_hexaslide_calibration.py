@@ -361,9 +361,9 @@ def test_a_link_that_cannot_be_kept_in_the_box_is_refused() -> None:
     short = HexaSlide(NOMINAL.geometry, low, replace(NOMINAL.link, length_m=0.05))
     with pytest.raises(CalibrationError, match="random postures keep"):
         measure(Procedure.of("constraint-link"), short, short, 10, np.random.default_rng(0))
-    none = HexaSlide(NOMINAL.geometry, low)
+    machine = HexaSlide(NOMINAL.geometry, low)
     with pytest.raises(CalibrationError, match="constraint link: found none"):
-        measure(Procedure.of("constraint-link"), none, none, 10, np.random.default_rng(0))
+        measure(Procedure.of("constraint-link"), machine, machine, 10, np.random.default_rng(0))
 
 
 def test_a_simulated_machine_without_tolerances_is_off_by_centimetres_at_most() -> None:

@@ -210,10 +210,12 @@ def test_the_budget_is_scatter_steps_and_parts() -> None:
     """Repeats lower what scatters, not what a coarse display does to all of a posture."""
     plan = postures(repeats=3)
     tolerance_mm = np.array([2.0] * 3 + [0.1] * 3)
-    read = observed([0.01, -0.02, 0.03, 0.0, 0.0, 0.0], plan)
-    separate, shared = _by_hand_mm(read)
+    observations = observed([0.01, -0.02, 0.03, 0.0, 0.0, 0.0], plan)
+    separate, shared = _by_hand_mm(observations)
     coarse = IndicatorFigures(resolution_mm=0.01)
-    solution = identify(Model(), read, "joint-offsets", indicator=coarse, tolerance_mm=tolerance_mm)
+    solution = identify(
+        Model(), observations, "joint-offsets", indicator=coarse, tolerance_mm=tolerance_mm
+    )
     scatter_mm, steps_mm, parts_mm = solution.budget_mm.values()
     assert scatter_mm == pytest.approx(np.zeros(3), abs=1e-6)
     assert steps_mm == pytest.approx(0.01 / math.sqrt(12.0) * shared, rel=1e-3)
@@ -221,13 +223,17 @@ def test_the_budget_is_scatter_steps_and_parts() -> None:
     assert parts_mm == pytest.approx(off_mm, rel=1e-3)
 
     fine = IndicatorFigures(repeatability_mm=0.02)
-    solution = identify(Model(), read, "joint-offsets", indicator=fine, tolerance_mm=tolerance_mm)
+    solution = identify(
+        Model(), observations, "joint-offsets", indicator=fine, tolerance_mm=tolerance_mm
+    )
     assert solution.budget_mm["scatter of repeats"] == pytest.approx(0.02 * separate, rel=1e-3)
     assert solution.budget_mm["steps of the display"] == pytest.approx(np.zeros(3), abs=1e-9)
     together = sum(part**2 for part in solution.budget_mm.values())
     assert together == pytest.approx(solution.expanded_with_tolerances_mm**2)
 
-    held = identify(Model(), read, "with-tolerances", indicator=fine, tolerance_mm=tolerance_mm)
+    held = identify(
+        Model(), observations, "with-tolerances", indicator=fine, tolerance_mm=tolerance_mm
+    )
     scatter_mm, steps_mm, parts_mm = held.budget_mm.values()
     assert held.noise_expanded_mm == pytest.approx(np.hypot(scatter_mm, steps_mm))
     assert (held.noise_expanded_mm[:3] < 0.5 * held.expanded_mm[:3]).all()

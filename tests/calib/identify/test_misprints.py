@@ -95,9 +95,9 @@ def in_order(values: tuple[float, ...]) -> FloatArray:
     return np.array([by_name[name] for name in ORDER])
 
 
-def projector(which: Subset) -> FloatArray:
+def projector(subset: Subset) -> FloatArray:
     """Predictions of the set of parameters that fits best, as a map of the twelve values."""
-    part = EXACT[:, list(COLUMNS[which])]
+    part = EXACT[:, list(COLUMNS[subset])]
     return np.asarray(part @ np.linalg.pinv(part))
 
 
@@ -107,11 +107,11 @@ PREDICTS = {which: projector(which) for which in SETS}
 def unlike_print(experiment: int, values: FloatArray) -> dict[tuple[str, str], tuple[float, float]]:
     """Predictions that no rounding of data and print explains: computed, printed."""
     cosines: dict[tuple[str, str], tuple[float, float]] = {}
-    for which, printed in zip(SETS, TABLE_2[experiment][1:], strict=True):
-        ours, theirs = PREDICTS[which] @ values, in_order(printed)
-        rounding = HALF_DIGIT_MM * (1.0 + np.abs(PREDICTS[which]).sum(axis=1))
+    for subset, printed in zip(SETS, TABLE_2[experiment][1:], strict=True):
+        ours, theirs = PREDICTS[subset] @ values, in_order(printed)
+        rounding = HALF_DIGIT_MM * (1.0 + np.abs(PREDICTS[subset]).sum(axis=1))
         for k in np.flatnonzero(np.abs(ours - theirs) > rounding):
-            cosines[ORDER[k], which] = (round(float(ours[k]), 2), float(theirs[k]))
+            cosines[ORDER[k], subset] = (round(float(ours[k]), 2), float(theirs[k]))
     return cosines
 
 
@@ -126,10 +126,10 @@ def rms(values: FloatArray) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
-def sample(samples: Path, name: str, which: Subset) -> tuple[float, float, FloatArray]:
+def sample(samples: Path, name: str, subset: Subset) -> tuple[float, float, FloatArray]:
     observed = to_observations([fold(read_record(samples / f"{name}.jsonl").events)])
     stated = IndicatorFigures(resolution_mm=0.01, repeatability_mm=0.02)
-    solution = identify(Model(), observed, which, "linear", indicator=stated)
+    solution = identify(Model(), observed, subset, "linear", indicator=stated)
     return solution.rms_before_mm, solution.rms_after_mm, np.array(solution.values_mm)
 
 
@@ -197,7 +197,7 @@ def test_x_z_minus_of_experiment_3_is_minus_0_13(samples: Path) -> None:
         changed = printed.copy()
         changed[place] = value
         if len(unlike_print(3, changed)) <= 1:
-            predictions = [PREDICTS[which] @ changed for which in SETS]
+            predictions = [PREDICTS[subset] @ changed for subset in SETS]
             pairs = zip(predictions, (*TABLE_2[3][1:3], turned), strict=True)
             fitting[ORDER[place], float(value)] = (
                 max(float(np.abs(ours - in_order(theirs)).max()) for ours, theirs in pairs),

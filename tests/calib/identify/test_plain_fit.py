@@ -183,9 +183,9 @@ def test_rosenbrock_needs_the_damping() -> None:
 
     def evaluate(x: FloatArray, _: object) -> tuple[FloatArray, FloatArray]:
         residual = np.stack([-10.0 * (x[1] - x[0] ** 2), x[0] - 1.0])
-        ones = np.ones_like(x[0])
+        unit = np.ones_like(x[0])
         slope = np.stack(
-            [np.stack([-20.0 * x[0], -ones]), np.stack([10.0 * ones, np.zeros_like(ones)])]
+            [np.stack([-20.0 * x[0], -unit]), np.stack([10.0 * unit, np.zeros_like(unit)])]
         )
         return residual, slope
 

@@ -115,7 +115,7 @@ def test_an_indicator_with_ten_times_the_noise_is_kept_apart() -> None:
 
 def test_those_that_scatter_alike_share_one_estimate_beside_a_loud_one() -> None:
     """Six mountings as indicators of their own, one ten times as loud: five keep 20 degrees."""
-    honest, named = 0, 0
+    honest, count = 0, 0
     for seed in range(100):
         data = replace(session(0.002, seed=seed), indicator=session(0.002).mount)
         generator = np.random.default_rng([seed, 2])
@@ -123,12 +123,12 @@ def test_those_that_scatter_alike_share_one_estimate_beside_a_loud_one() -> None
         noise = reading_noise(replace(data, value_mm=data.value_mm + louder), IndicatorFigures())
         assert noise is not None
         honest += noise.estimates.tolist() == [0, 1, 1, 1, 1, 1]
-        named += bool(noise.outliers)
+        count += bool(noise.outliers)
         if noise.estimates.tolist() == [0, 1, 1, 1, 1, 1]:
             assert noise.indicators[1].degrees_of_freedom == pytest.approx(20.0)
             assert noise.indicators[0].degrees_of_freedom == pytest.approx(4.0)
     assert honest >= 85
-    assert named <= 30, "a loud indicator is not a row of outliers"
+    assert count <= 30, "a loud indicator is not a row of outliers"
 
 
 def test_a_mounting_without_repeats_does_not_part_the_others() -> None:

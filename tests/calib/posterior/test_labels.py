@@ -173,8 +173,8 @@ def test_the_single_readings_that_are_tried_are_those_whose_omission_leaves_leas
         own = np.zeros((len(screen.left), 1))
         own[row] = 1.0
         design = np.hstack([screen.basis, own])
-        missed = screen.left - design @ np.linalg.lstsq(design, screen.left, rcond=None)[0]
-        without_one.append(float(missed @ missed))
+        errors = screen.left - design @ np.linalg.lstsq(design, screen.left, rcond=None)[0]
+        without_one.append(float(errors @ errors))
     expected = np.argsort(without_one, kind="stable")[:12].tolist()
     assert [int(suspect.groups[0][0]) for suspect in single_readings(screen)] == expected
     raw = np.argsort(-(screen.left[:count] ** 2), kind="stable")[:12].tolist()
@@ -186,28 +186,28 @@ def test_exchanges_beside_one_name_are_those_that_leave_the_plain_fit_least() ->
     session = case(SWEEP, EffectInstance(Backlash(), "y", (0.04,)), seed=4)
     cells = Cells.of(session)
     screen = Screen.of(cells, np.zeros((len(cells.means), 0)), even_mm(cells))
-    moved, given = MovedReadings.of(screen), []
+    moved, log_weights = MovedReadings.of(screen), []
 
     def with_one_name(change_mm: FloatArray) -> FloatArray:
-        given.append(change_mm)
+        log_weights.append(change_mm)
         return np.zeros(change_mm.shape[1])
 
-    tried = [mistake for _, mistake in moved.beside_one_name(screen, with_one_name)]
+    mistakes = [mistake for _, mistake in moved.beside_one_name(screen, with_one_name)]
     squares = []
     for value_mm in moved.values_mm.T:
         rows = np.concatenate([(value_mm - screen.predicted_mm) / screen.root, screen.expected])
-        missed = rows - screen.basis @ np.linalg.lstsq(screen.basis, rows, rcond=None)[0]
-        squares.append(float(missed @ missed))
+        errors = rows - screen.basis @ np.linalg.lstsq(screen.basis, rows, rcond=None)[0]
+        squares.append(float(errors @ errors))
     order = np.argsort(squares, kind="stable")[:24]
     every = [moved.every[k] for k in order]
-    assert [(m.id, m.where) for m in tried] == [(e.id, e.where) for e in every]
+    assert [(m.id, m.where) for m in mistakes] == [(e.id, e.where) for e in every]
     changed = [moved.values_mm[:, k] - cells.visited.value_mm for k in order]
     weight = cells.weight / cells.scatter_mm2
     expected = [
         [np.average(change[cells.cell == n], weights=weight[cells.cell == n]) for change in changed]
         for n in range(len(cells.means))
     ]
-    assert given[0] == pytest.approx(np.array(expected), abs=1e-9)
+    assert log_weights[0] == pytest.approx(np.array(expected), abs=1e-9)
 
 
 def test_beside_a_mistake_stands_nothing_or_names_and_alone_one_name() -> None:

@@ -73,8 +73,8 @@ def test_lines_within_their_tolerance_are_measured_and_have_no_name() -> None:
     for seed in range(8):
         session, hidden = of_lines(seed)
         result = posterior([session])
-        named = sum(m.weight for m in result.models if m.members)
-        shares.append(named)
+        weight = sum(m.weight for m in result.models if m.members)
+        shares.append(weight)
         for (law, place), tolerance in LINES.items():
             mean, deviation = result.value_of((law, place))
             assert deviation < (1.2 if law == ActuatorScale() else 0.75) * tolerance

@@ -100,9 +100,9 @@ def test_groups_of_models_are_those_of_dense_matrices(seed: int) -> None:
         distances = update.distances(off[:, :count])
         factors = [(update.log_factor(truth, j), true) for truth, j, true in truths]
         for k, model in enumerate(models):
-            missed = seen - model.expected
-            assert means[:, k] == pytest.approx(model.mean + model.gain @ missed)
-            square = float(missed @ np.linalg.solve(model.spread, missed)) / model.inflated**2
+            errors = seen - model.expected
+            assert means[:, k] == pytest.approx(model.mean + model.gain @ errors)
+            square = float(errors @ np.linalg.solve(model.spread, errors)) / model.inflated**2
             assert squares[k] == pytest.approx(square)
             after, apart = model.after[:SHOWN, :SHOWN], off[:, k]
             moments = (

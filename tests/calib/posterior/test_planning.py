@@ -214,8 +214,8 @@ def test_the_measurement_that_separates_names_decides(play_or_screw: Planner) ->
     case, machine = session(SHORT, *HIDDEN[0], seed=2, scatter_mm=NOISE_MM)
     assert case.observed.value_mm == pytest.approx(result.sessions[0].case.observed.value_mm)
     generator = np.random.default_rng(1)
-    read = with_reading_of(case, separation.candidate, machine, generator)
-    after = posterior([read])
+    case_after = with_reading_of(case, separation.candidate, machine, generator)
+    after = posterior([case_after])
     assert before < 0.7
     assert after.places["backlash", "x"] > 0.9
     assert after.places.get(("actuator_cyclic", "x"), 0.0) < 0.01
@@ -317,8 +317,10 @@ def test_a_candidate_is_a_procedure_with_the_readings_that_were_judged(
     play_or_screw: Planner,
 ) -> None:
     for candidate in play_or_screw.candidates[:: len(play_or_screw.candidates) // 12]:
-        read = Procedure.model_validate_json(json.dumps(tomllib.loads(candidate.text)))
-        steps = [(leg_number(s.leg), s.displacement_mm, s.station) for s in read.steps(Geometry())]
+        procedure = Procedure.model_validate_json(json.dumps(tomllib.loads(candidate.text)))
+        steps = [
+            (leg_number(s.leg), s.displacement_mm, s.station) for s in procedure.steps(Geometry())
+        ]
         judged: list[tuple[int, float, float]] = []
         for part in candidate.taken:
             first = part.axis == part.axis[0]

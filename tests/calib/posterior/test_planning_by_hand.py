@@ -50,8 +50,8 @@ class GivenForecast:
         return [reading(number) for number in set_ups]
 
     def gain(self, numbers: Sequence[int]) -> float:
-        shown = self.share[list(numbers)].sum(axis=0)
-        return float(self.most @ (1.0 - np.exp(-shown)))
+        share = self.share[list(numbers)].sum(axis=0)
+        return float(self.most @ (1.0 - np.exp(-share)))
 
     def after_mm(self, readings: ExpectedReadings) -> float:
         return self.now_mm * math.exp(-self.gain(readings.expected.astype(int).tolist()))
@@ -77,7 +77,7 @@ class GivenPlanner(Planner):
 
 def planner(
     minutes: Sequence[float],
-    given: GivenForecast | None = None,
+    forecast: GivenForecast | None = None,
     posterior: object = None,
     prepared: Sequence[int] = (),
 ) -> GivenPlanner:
@@ -95,8 +95,8 @@ def planner(
     off = SimpleNamespace(bound_mm={"aligned": BOUND_MM}, values=np.zeros(1))
     correction = SimpleNamespace(frame="aligned", off=off)
     made = GivenPlanner(cast(Any, posterior), cast(Any, correction), possible)
-    if given:
-        object.__setattr__(made, "given", given)
+    if forecast:
+        object.__setattr__(made, "given", forecast)
     return made
 
 
@@ -109,23 +109,23 @@ def named(
     components = [SimpleNamespace(id=name, where="x") for name in names]
     models = [SimpleNamespace(members=(k,), weight=weight) for k, weight in enumerate(weights)]
     nothing = np.zeros((0, 0))
-    given = GivenForecast(np.zeros(0), nothing, np.asarray(distances), np.asarray(weights))
-    return given, SimpleNamespace(components=components, models=models)
+    forecast = GivenForecast(np.zeros(0), nothing, np.asarray(distances), np.asarray(weights))
+    return forecast, SimpleNamespace(components=components, models=models)
 
 
-def plainly(given: GivenForecast, minutes: Sequence[float]) -> list[tuple[int, float]]:
+def plainly(forecast: GivenForecast, minutes: Sequence[float]) -> list[tuple[int, float]]:
     """One after the other, all tried each time: the largest log gain for its time, of a tenth."""
-    chosen: list[int] = []
+    subset: list[int] = []
     bounds: list[tuple[int, float]] = []
     while len(bounds) < 6:
-        before = given.gain(chosen)
-        gains = [given.gain([*chosen, k]) - before for k in range(len(minutes))]
+        before = forecast.gain(subset)
+        gains = [forecast.gain([*subset, k]) - before for k in range(len(minutes))]
         worth = [k for k, gain in enumerate(gains) if math.exp(-gain) < 0.9]
         if not worth:
             break
         best = max(worth, key=lambda k: gains[k] / minutes[k])
-        chosen.append(best)
-        bounds.append((best, BOUND_MM * math.exp(-given.gain(chosen))))
+        subset.append(best)
+        bounds.append((best, BOUND_MM * math.exp(-forecast.gain(subset))))
     return bounds
 
 
@@ -137,8 +137,8 @@ def test_set_ups_in_turn_are_those_of_trying_all_each_time() -> None:
         most = generator.uniform(0.1, 1.2, directions)
         share = generator.exponential(0.5, (count, directions))
         minutes = generator.uniform(2.0, 20.0, count).tolist()
-        given = GivenForecast(most, share, np.zeros(0), np.zeros(0))
-        reach, expected = planner(minutes, given).reach, plainly(given, minutes)
+        forecast = GivenForecast(most, share, np.zeros(0), np.zeros(0))
+        reach, expected = planner(minutes, forecast).reach, plainly(forecast, minutes)
         assert [step.bound_mm for step in reach.further] == pytest.approx(
             [bound_mm for _, bound_mm in expected]
         )
@@ -153,15 +153,15 @@ def test_set_ups_in_turn_are_those_of_trying_all_each_time() -> None:
 def test_what_is_worth_it_is_preferred_to_what_gains_more_a_minute() -> None:
     """A quick set-up that lowers the bound by 5 % only is never the next one."""
     share = np.array([[0.05], [0.4]])
-    given = GivenForecast(np.array([1.0]), share, np.zeros(0), np.zeros(0))
-    reach = planner([0.1, 60.0], given).reach
+    forecast = GivenForecast(np.array([1.0]), share, np.zeros(0), np.zeros(0))
+    reach = planner([0.1, 60.0], forecast).reach
     assert [step.minutes for step in reach.further] == [60.0 * n for n in (1, 2, 3)]
 
 
 def test_proposals_are_sorted_by_what_a_minute_gains() -> None:
     share = np.array([[0.1], [0.6], [0.3]])
-    given = GivenForecast(np.array([0.5]), share, np.zeros(0), np.zeros(0))
-    plan = planner([1.0, 30.0, 2.0], given)
+    forecast = GivenForecast(np.array([0.5]), share, np.zeros(0), np.zeros(0))
+    plan = planner([1.0, 30.0, 2.0], forecast)
     after_mm = [BOUND_MM * math.exp(-0.5 * (1.0 - math.exp(-s))) for s in (0.1, 0.6, 0.3)]
     gains = [(BOUND_MM - mm) / time for mm, time in zip(after_mm, (1.0, 30.0, 2.0), strict=True)]
     order = [2, 0, 1]
@@ -183,17 +183,17 @@ def test_the_shortest_measurement_that_separates_nearly_as_well_as_the_best() ->
     """60 noise variances are enough, so many more are no better; 97 % of the best are enough."""
     weights, names = (0.5, 0.3, 0.2), ("a", "b", "c")
     best = np.array(FAR)
-    given, posterior = named(weights, names, [best, 0.975 * best, 0.965 * best])
-    separation = planner([30.0, 20.0, 10.0], given, posterior).separation
+    forecast, posterior = named(weights, names, [best, 0.975 * best, 0.965 * best])
+    separation = planner([30.0, 20.0, 10.0], forecast, posterior).separation
     assert separation is not None
     assert separation.candidate.minutes == 20.0
     assert separation.apart == pytest.approx(0.975 * 40.0)
     assert separation.names == ((("a", "x"),), (("b", "x"),))  # 30 and 40 decide, not 20
-    given, posterior = named(weights, names, [10.0 * best, 100.0 * best])
-    same = planner([11.0, 10.0], given, posterior).separation
+    forecast, posterior = named(weights, names, [10.0 * best, 100.0 * best])
+    same = planner([11.0, 10.0], forecast, posterior).separation
     assert same is not None
     assert same.candidate.minutes == 10.0
-    changed = planner([11.0, 10.0], given, posterior, prepared=[1]).separation
+    changed = planner([11.0, 10.0], forecast, posterior, prepared=[1]).separation
     assert changed is not None
     assert changed.candidate.minutes == 11.0  # nothing to change before it
 
@@ -201,16 +201,16 @@ def test_the_shortest_measurement_that_separates_nearly_as_well_as_the_best() ->
 def test_names_that_are_one_in_other_words_are_not_separated() -> None:
     """Below 25 noise variances a measurement helps; names nearer than 1 are the same name."""
     near = [[0.0, 0.9, 20.0], [0.9, 0.0, 15.0], [20.0, 15.0, 0.0]]
-    given, posterior = named((0.5, 0.3, 0.2), ("a", "b", "c"), [near])
-    separation = planner([5.0], given, posterior).separation
+    forecast, posterior = named((0.5, 0.3, 0.2), ("a", "b", "c"), [near])
+    separation = planner([5.0], forecast, posterior).separation
     assert separation is not None
     assert separation.names == ((("a", "x"),), (("c", "x"),))
     assert separation.apart == 20.0
     assert "it helps to decide between a (x) and c (x)" in separation.words
-    given, posterior = named((0.6, 0.4), ("a", "b"), [[[0.0, 0.9], [0.9, 0.0]]])
-    assert planner([5.0], given, posterior).separation is None
-    given, posterior = named((0.6, 0.4), ("a", "b"), [[[0.0, 25.0], [25.0, 0.0]]])
-    decides = planner([5.0], given, posterior).separation
+    forecast, posterior = named((0.6, 0.4), ("a", "b"), [[[0.0, 0.9], [0.9, 0.0]]])
+    assert planner([5.0], forecast, posterior).separation is None
+    forecast, posterior = named((0.6, 0.4), ("a", "b"), [[[0.0, 25.0], [25.0, 0.0]]])
+    decides = planner([5.0], forecast, posterior).separation
     assert decides is not None
     assert "it decides between a (x) and b (x)" in decides.words
 
@@ -220,8 +220,8 @@ def test_names_are_as_near_as_their_nearest_models_either_being_true() -> None:
     distances = np.full((4, 4), 50.0)
     distances[3, 1] = 7.0  # the second model of a, if b is true
     distances[2, 3] = 2.0  # the third has less than a tenth of the first: it is not looked at
-    given, posterior = named(weights, names, [distances])
-    separation = planner([5.0], given, posterior).separation
+    forecast, posterior = named(weights, names, [distances])
+    separation = planner([5.0], forecast, posterior).separation
     assert separation is not None
     assert separation.apart == 7.0
 
@@ -238,8 +238,8 @@ def test_names_are_as_near_as_their_nearest_models_either_being_true() -> None:
 def test_a_name_is_open_beside_the_likeliest(weights: tuple[float, ...], separated: int) -> None:
     count = len(weights)
     distances = np.full((count, count), 50.0)
-    given, posterior = named(weights, "abc"[:count], [distances])
-    separation = planner([5.0], given, posterior).separation
+    forecast, posterior = named(weights, "abc"[:count], [distances])
+    separation = planner([5.0], forecast, posterior).separation
     assert (len(separation.names) if separation else 0) == separated
 
 
@@ -259,10 +259,10 @@ def test_what_is_weighed_is_the_separation_of_likely_names() -> None:
         pairs = list(combinations(range(count), 2))
         score = [sum(min(a[i, j], 60.0) * weights[i] * weights[j] for i, j in pairs) for a in apart]
         nearly = [k for k in range(6) if score[k] >= 0.97 * max(score)]
-        given, posterior = named(
+        forecast, posterior = named(
             weights[order].tolist(), "abcd"[:count], apart[:, order][:, :, order]
         )
-        separation = planner(minutes.tolist(), given, posterior).separation
+        separation = planner(minutes.tolist(), forecast, posterior).separation
         assert separation is not None
         assert separation.candidate.minutes == min(minutes[k] for k in nearly)
 

@@ -141,19 +141,19 @@ def test_the_best_single_component_for_other_readings_is_that_of_all_weighed_den
     freedom: float,
 ) -> None:
     rng = np.random.default_rng(4)
-    columns, chosen = columns_of((1, 2, 1, 3)), (1, 2)
+    columns, subset = columns_of((1, 2, 1, 3)), (1, 2)
     design = rng.normal(size=(ROWS, 7))
     first, *others = rng.normal(size=(4, ROWS)) * np.array([[1.0], [1.0], [3.0], [9.0]])
     race = race_of(design, first, columns, freedom)
     y = np.array(others).T
-    best = race.best_singles(design.T @ y, (y**2).sum(axis=0), chosen)
+    best = race.best_singles(design.T @ y, (y**2).sum(axis=0), subset)
     nothing = [dense_log_evidence(design, readings, race, ()) for readings in others]
     for readings, weight, plain in zip(others, best, nothing, strict=True):
         expected = max(
             dense_log_evidence(design, readings, race, ((k, scale),))
             + race.log_prior[k]
             + log_scale
-            for k in chosen
+            for k in subset
             for scale, log_scale in zip(SCALES, LOG_SCALES, strict=True)
         )
         square = np.array(float(readings @ readings))

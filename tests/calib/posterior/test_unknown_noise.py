@@ -58,7 +58,7 @@ def test_the_tool_keeps_the_bound(
     """19 of 20 at least; offsets known to a hundredth of the readings were off by up to 35 % more,
     with bounds of four times these.
     """
-    kept, errors_mm, bounds_mm = 0, [], []
+    count, errors_mm, bounds_mm = 0, [], []
     for seed in range(SESSIONS):
         chance = np.random.default_rng([seed, 31])
         machine = hidden_machine(chance, lean, shift_mm)
@@ -67,6 +67,6 @@ def test_the_tool_keeps_the_bound(
         error_mm = judge(machine, entered(offsets_mm, np.zeros(3))).touched_off
         errors_mm.append(error_mm)
         bounds_mm.append(correction.off.bound_in("touched-off"))
-        kept += error_mm <= bounds_mm[-1]
-    assert kept >= 19
+        count += error_mm <= bounds_mm[-1]
+    assert count >= 19
     assert np.median(bounds_mm) < 6.0 * np.sqrt(np.mean(np.square(errors_mm))), "of some use, too"

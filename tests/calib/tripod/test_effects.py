@@ -131,8 +131,10 @@ def test_zero_changes_nothing_and_columns_are_central_differences(
     model = Model(geometry, OFF)
     plain = model.readings(plan)
     for place in law.places(plan):
-        none = replace(model, effects=(EffectInstance(law, place, (0.0,) * len(law.parameters)),))
-        assert none.readings(plan) == pytest.approx(plain, abs=1e-13)
+        model_of_zeros = replace(
+            model, effects=(EffectInstance(law, place, (0.0,) * len(law.parameters)),)
+        )
+        assert model_of_zeros.readings(plan) == pytest.approx(plain, abs=1e-13)
     causes = [c for c in candidates(model, plan, [law]) if c.arrangement != "each"]
     assert causes
     for candidate in causes:

@@ -74,9 +74,9 @@ def gain(criterion: Criterion, before: float, after: float) -> float:
 
 @pytest.mark.parametrize("criterion", first_quick(list(Criterion)))
 def test_moving_helps_and_the_figure_is_of_the_rounded_postures(criterion: Criterion) -> None:
-    chosen = chosen_of(criterion)
-    grid = GRID.take(np.array(chosen))
-    moved = move_off_grid(GRID, chosen, NOISE_MM, aim_of(criterion))
+    subset = chosen_of(criterion)
+    grid = GRID.take(np.array(subset))
+    moved = move_off_grid(GRID, subset, NOISE_MM, aim_of(criterion))
     assert figure(grid, criterion) == pytest.approx(by_readings(grid, criterion), rel=1e-6)
     assert figure(moved, criterion) == pytest.approx(by_readings(moved, criterion), rel=1e-6)
     assert better(moved, grid, criterion) > 1e-3
@@ -88,31 +88,31 @@ def test_moving_helps_and_the_figure_is_of_the_rounded_postures(criterion: Crite
 @pytest.mark.parametrize("criterion", [Criterion.DETERMINANT, Criterion.TOOL_VARIANCE])
 def test_no_other_dial_in_the_cell_is_better(criterion: Criterion) -> None:
     """Every displacement tried by itself every millimetre of its cell."""
-    chosen = chosen_of(criterion, 9)
-    pool = move_off_grid(GRID, chosen, NOISE_MM, aim_of(criterion))
-    value, grid = figure(pool, criterion), GRID.displacement_mm[list(chosen)]
+    subset = chosen_of(criterion, 9)
+    pool = move_off_grid(GRID, subset, NOISE_MM, aim_of(criterion))
+    value, grid = figure(pool, criterion), GRID.displacement_mm[list(subset)]
     for k, off_mm in product(range(9), range(-4, 5)):
         level = grid[k] + off_mm
         if -100.0 <= level <= 60.0:
-            tried = pool.displacement_mm.copy()
-            tried[k] = level
-            neighbour = pool.moved(tried, pool.station)
+            displacement_mm = pool.displacement_mm.copy()
+            displacement_mm[k] = level
+            neighbour = pool.moved(displacement_mm, pool.station)
             assert gain(criterion, value, by_readings(neighbour, criterion)) < 1e-5
 
 
 @pytest.mark.parametrize("criterion", first_quick(list(Criterion)))
 @pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_random_sets_get_better_stay_distinct_and_inside(criterion: Criterion, seed: int) -> None:
-    chosen = random_set(seed)
+    subset = random_set(seed)
     geometry = Geometry()
-    pool = move_off_grid(GRID, chosen, NOISE_MM, aim_of(criterion))
-    assert better(pool, GRID.take(np.array(chosen)), criterion) >= 0.0
+    pool = move_off_grid(GRID, subset, NOISE_MM, aim_of(criterion))
+    assert better(pool, GRID.take(np.array(subset)), criterion) >= 0.0
     assert pool.displacement_mm.min() >= geometry.travel_min_mm
     assert pool.displacement_mm.max() <= geometry.travel_max_mm
-    assert (np.abs(pool.displacement_mm - GRID.displacement_mm[chosen]) <= 5.0).all()
-    assert (np.abs(pool.station - GRID.station[chosen]) <= 0.075).all()
+    assert (np.abs(pool.displacement_mm - GRID.displacement_mm[subset]) <= 5.0).all()
+    assert (np.abs(pool.station - GRID.station[subset]) <= 0.075).all()
     assert 0.2 <= pool.station.min() <= pool.station.max() <= 0.8
-    assert len(set(visits(pool))) == len(chosen)
+    assert len(set(visits(pool))) == len(subset)
     assert all(len(set(pool.station[pool.place == place])) == 1 for place in np.unique(pool.place))
     on_limit = np.isin(pool.displacement_mm, (-100.0, 60.0))
     assert (pool.approach[on_limit] == np.sign(pool.displacement_mm[on_limit])).all()
@@ -142,11 +142,11 @@ def visits(pool: LegPool) -> list[tuple[float, ...]]:
 
 
 def test_repeats_stay_repeats() -> None:
-    chosen = chosen_of(Criterion.DETERMINANT, 18, repeats=True)
-    moved = move_off_grid(GRID, chosen, NOISE_MM, aim_of(Criterion.DETERMINANT))
-    assert len(set(chosen)) < 18
-    assert len(set(visits(moved))) == len(set(chosen))
-    assert better(moved, GRID.take(np.array(chosen)), Criterion.DETERMINANT) > 0.0
+    subset = chosen_of(Criterion.DETERMINANT, 18, repeats=True)
+    moved = move_off_grid(GRID, subset, NOISE_MM, aim_of(Criterion.DETERMINANT))
+    assert len(set(subset)) < 18
+    assert len(set(visits(moved))) == len(set(subset))
+    assert better(moved, GRID.take(np.array(subset)), Criterion.DETERMINANT) > 0.0
 
 
 def test_legs_that_are_treated_alike_stay_so() -> None:
@@ -161,9 +161,9 @@ def test_legs_that_are_treated_alike_stay_so() -> None:
 
 
 def test_equal_arguments_give_equal_postures() -> None:
-    chosen = random_set(5)
+    subset = random_set(5)
     first, second = (
-        move_off_grid(GRID, chosen, NOISE_MM, aim_of(Criterion.TOOL_VARIANCE)) for _ in range(2)
+        move_off_grid(GRID, subset, NOISE_MM, aim_of(Criterion.TOOL_VARIANCE)) for _ in range(2)
     )
     assert visits(first) == visits(second)
     assert figure(first, Criterion.TOOL_VARIANCE) == figure(second, Criterion.TOOL_VARIANCE)
@@ -174,20 +174,20 @@ def test_limits_that_are_no_tenths_are_kept() -> None:
     grid = leg_pool(geometry)
     pool = Candidates(grid.rows / NOISE_MM)
     aim = aim_of(Criterion.DETERMINANT)
-    chosen = choose(pool, 9, aim, starts=2).chosen
-    moved = move_off_grid(grid, chosen, NOISE_MM, aim)
-    assert better(moved, grid.take(np.array(chosen)), Criterion.DETERMINANT) > 0.0
+    subset = choose(pool, 9, aim, starts=2).chosen
+    moved = move_off_grid(grid, subset, NOISE_MM, aim)
+    assert better(moved, grid.take(np.array(subset)), Criterion.DETERMINANT) > 0.0
     assert {float(mm) for mm in moved.displacement_mm} >= {60.04, -99.97}
 
 
 def test_a_travel_too_short_for_tenths_keeps_postures_distinct() -> None:
     geometry = Geometry(travel_max_mm=0.4, travel_min_mm=-0.4)
     grid = leg_pool(geometry)
-    chosen = np.flatnonzero(np.isin(grid.station, (0.2, 0.8)) & (grid.approach > 0))
+    subset = np.flatnonzero(np.isin(grid.station, (0.2, 0.8)) & (grid.approach > 0))
     aim = aim_of(Criterion.AVERAGE_VARIANCE)
-    moved = move_off_grid(grid, chosen, NOISE_MM, aim)
-    assert len(set(visits(moved))) == len(chosen)
-    assert better(moved, grid.take(chosen), Criterion.AVERAGE_VARIANCE) >= 0.0
+    moved = move_off_grid(grid, subset, NOISE_MM, aim)
+    assert len(set(visits(moved))) == len(subset)
+    assert better(moved, grid.take(subset), Criterion.AVERAGE_VARIANCE) >= 0.0
 
 
 def test_zero_takes_the_place_of_what_is_next_to_it() -> None:
@@ -199,6 +199,6 @@ def test_zero_takes_the_place_of_what_is_next_to_it() -> None:
 
 
 def test_a_set_that_cannot_see_everything_is_refused() -> None:
-    chosen = [GRID.index(leg, level, 0.5) for leg in range(3) for level in (-100.0, 60.0)]
+    subset = [GRID.index(leg, level, 0.5) for leg in range(3) for level in (-100.0, 60.0)]
     with pytest.raises(NotIdentifiable, match="of 6 combinations"):
-        move_off_grid(GRID, chosen, NOISE_MM, aim_of(Criterion.DETERMINANT))
+        move_off_grid(GRID, subset, NOISE_MM, aim_of(Criterion.DETERMINANT))

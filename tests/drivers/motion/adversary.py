@@ -156,11 +156,11 @@ class LiesNumbers(Ill):
             return answer
         if self.generator.random() > self.share:
             return answer
-        which = self.generator.randrange(3)
+        case = self.generator.randrange(3)
         numbers = list(NUMBER.finditer(answer))
-        if which >= len(numbers):
+        if case >= len(numbers):
             return answer
-        word = numbers[which]
+        word = numbers[case]
         new = b"%.3f" % self.generator.uniform(-90.0, 90.0)
         new = self.generator.choice(self.words) if self.words else new
         return answer[: word.start()] + new + answer[word.end() :]
@@ -562,12 +562,12 @@ class Front:
         self.ills = []
         self.twin.mend()
 
-    def changed(self, what: str, change: Callable[[], None]) -> None:
+    def changed(self, subject: str, change: Callable[[], None]) -> None:
         """Note a change, where it is one."""
         before = self._supervised()
         change()
-        if self._supervised() != before or what == "jog":
-            self.changes.append((time.monotonic(), what))
+        if self._supervised() != before or subject == "jog":
+            self.changes.append((time.monotonic(), subject))
 
     def _supervised(self) -> object:
         twin = self.twin

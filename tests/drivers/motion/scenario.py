@@ -199,7 +199,7 @@ class Scenario:
         if place_mm is not None and not self._place_unknown():
             true_mm = self._axes.place(now_s)
             near = max(abs(a - b) for a, b in zip(true_mm, places[-1], strict=True))
-            change_near = any(at_s > self._ways[-1][0] for at_s, what in self._front.changes)
+            change_near = any(at_s > self._ways[-1][0] for at_s, subject in self._front.changes)
             if near > LIMITS.reached_mm + 0.001 and not change_near:
                 self._blame(f"arrived at {places[-1]}, in truth at {true_mm}")
         self._line.release()
@@ -234,7 +234,7 @@ class Scenario:
             if not comes_true(lambda: self._line.state is not State.STOPPING, OVER_S):
                 self._blame(f"vouched, and still {self._line.state}: {self._line.why}")
 
-    def _waits(self, what: str, answer: Future[Triple], within_s: float) -> Triple | None:
+    def _waits(self, subject: str, answer: Future[Triple], within_s: float) -> Triple | None:
         """The place; the operator vouches where no rest is seen."""
         began_s = time.monotonic()
         place_mm: Triple | None = None
@@ -246,15 +246,15 @@ class Scenario:
                 time.sleep(0.005)
             place_mm = answer.result(0.0)
         except ControllerFault as problem:
-            self._note(f"{what}: {problem}")
+            self._note(f"{subject}: {problem}")
         except NotInTime:
-            self._blame(f"{what} hangs; {self._line.state}, {self._line.why}")
+            self._blame(f"{subject} hangs; {self._line.state}, {self._line.why}")
         except BaseException as problem:
-            self._blame(f"{what} raised {problem!r}")
+            self._blame(f"{subject} raised {problem!r}")
         else:
-            self._note(f"{what}: {place_mm}")
+            self._note(f"{subject}: {place_mm}")
             if not all(map(math.isfinite, place_mm)):
-                self._blame(f"{what} returned {place_mm}")
+                self._blame(f"{subject} returned {place_mm}")
         return place_mm
 
     def _closes(self) -> None:
@@ -267,45 +267,45 @@ class Scenario:
         if isinstance(guard, Guard) and guard.process not in LEFT and guard.runs:
             self._blame("the guard still runs")
 
-    def _timed(self, what: str, within_s: float, work: Callable[[], object]) -> None:
+    def _timed(self, subject: str, within_s: float, work: Callable[[], object]) -> None:
         began_s = time.monotonic()
         try:
             work()
         except ControllerFault:
             raise
         except BaseException as problem:
-            self._blame(f"{what} raised {problem!r}")
+            self._blame(f"{subject} raised {problem!r}")
         finally:
             now_s = time.monotonic()
             took_s = now_s - began_s - self._ticker.held_up(began_s, now_s)
             if took_s > within_s:
-                self._blame(f"{what} took {took_s:.1f} s")
+                self._blame(f"{subject} took {took_s:.1f} s")
 
     def _judge_moves(self) -> None:
         """Each move lies within a consent, and none follows a change that nobody answered."""
-        heard = [(s, line) for s, came in self._front.heard for line in came.split(b"\n")]
-        moves = [s for s, line in heard if b"$J" in line or (b"mdi" in line and b" G1 " in line)]
+        lines = [(s, line) for s, came in self._front.heard for line in came.split(b"\n")]
+        moves = [s for s, line in lines if b"$J" in line or (b"mdi" in line and b" G1 " in line)]
         for at_s in moves:
             slack_s = LOOK_S + self._ticker.held_up(at_s - 1.0, at_s)
             if not any(begin <= at_s <= end + slack_s for begin, end in self._consents):
                 self._blame(f"a move at {at_s - self._began_s:.3f} s without consent")
             # what others changed before this way was asked for, and after the last answer
             asked_s = max((s for s, _ in self._ways if s <= at_s), default=0.0)
-            for changed_s, what in self._front.changes:
-                noticed = self._noticed(what, changed_s, asked_s)
+            for changed_s, subject in self._front.changes:
+                noticed = self._noticed(subject, changed_s, asked_s)
                 if changed_s < asked_s and not noticed:
-                    self._blame(f"{what} at {changed_s - self._began_s:.3f} s: a move after it")
+                    self._blame(f"{subject} at {changed_s - self._began_s:.3f} s: a move after it")
         for begin, end in self._consents:
             places = sum(n for s, n in self._ways if begin <= s <= end)
-            sent = sum(begin <= s <= end for s in moves)
-            if sent > places:
-                self._blame(f"{sent} moves for {places} places")
+            count = sum(begin <= s <= end for s in moves)
+            if count > places:
+                self._blame(f"{count} moves for {places} places")
 
-    def _noticed(self, what: str, changed_s: float, asked_s: float) -> bool:
+    def _noticed(self, subject: str, changed_s: float, asked_s: float) -> bool:
         """Whether somebody was told between a change and the next way, or nothing tells of it."""
         if self._place_unknown():
             return True
-        if what == "jog":
+        if subject == "jog":
             gone = math.dist(self._axes.place(changed_s), self._axes.place(asked_s))
             before = [s for at_s, s in self._states if at_s <= changed_s and s != State.STOPPING]
             soon = [s for at_s, s in self._states if changed_s < at_s < changed_s + LOOK_S]
@@ -314,7 +314,7 @@ class Scenario:
             moving = before[-1] is State.MOVING or State.MOVING in soon
             if gone <= LIMITS.reached_mm * 1.8 or moving:
                 return True
-        if what == MotionTrouble.ELSEWHERE:
+        if subject == MotionTrouble.ELSEWHERE:
             return True
         return any(changed_s <= s <= asked_s for s in self._told) or changed_s < self._answered_s
 

@@ -393,8 +393,8 @@ PREPARES = rb"set (echo off|verbose on|enable \w+|set_wait received)\n"
 def asked_only(front: Front, *, server: bool = False) -> bool:
     """Whether nothing was sent but questions."""
     allowed = QUESTIONS[front.name] + (rb"|" + PREPARES if server else rb"")
-    sent = b"".join(came for _, came in front.heard)
-    return re.fullmatch(rb"(" + allowed + rb")*", sent) is not None
+    content = b"".join(came for _, came in front.heard)
+    return re.fullmatch(rb"(" + allowed + rb")*", content) is not None
 
 
 def stranger(name: str, stream: bytes, every_s: float, ticker: Ticker) -> list[str]:

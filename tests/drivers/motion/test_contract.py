@@ -495,7 +495,7 @@ def test_bytes_of_the_text_server() -> None:
         with socket.create_connection((host, int(port)), timeout=2.0) as client:
             for request, answer in recorded:
                 client.sendall(request.encode() + b"\n")
-                got = b""
-                while len(got) < len(answer):
-                    got += client.recv(4096)
-                assert got == answer, request
+                content = b""
+                while len(content) < len(answer):
+                    content += client.recv(4096)
+                assert content == answer, request

@@ -276,9 +276,9 @@ def test_bytes_of_the_twins(profile: Profile, expected: bytes) -> None:
 def test_round_trip(
     profile: Profile, position_mm: float, resolution_mm: float, channel: int
 ) -> None:
-    sent = answer(profile, Spindle(lambda: position_mm, resolution_mm, channel))
-    assert sent.endswith(b"\r\n") or sent.endswith(b"\r")
-    reading = profile.parse(sent.rstrip(b"\r\n").decode("latin-1"), Query(channel=channel))
+    reply = answer(profile, Spindle(lambda: position_mm, resolution_mm, channel))
+    assert reply.endswith(b"\r\n") or reply.endswith(b"\r")
+    reading = profile.parse(reply.rstrip(b"\r\n").decode("latin-1"), Query(channel=channel))
     assert isinstance(reading, IndicatorReading)
     assert abs(reading.value_mm - position_mm) <= resolution_mm / 2 + 1e-9
     assert reading.resolution_mm <= resolution_mm * (1 + 1e-9)

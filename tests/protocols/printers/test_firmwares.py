@@ -469,10 +469,10 @@ def test_what_is_not_used_is_named(tmp_path: Path, texts: tuple[str, ...], messa
 )
 def test_what_hosts_write_before_a_line_is_no_part_of_it(tmp_path: Path, before: str) -> None:
     told = m503(PERFECT)
-    shown = "".join(before + line for line in told.splitlines(True))
+    text_shown = "".join(before + line for line in told.splitlines(True))
     (tmp_path / "plain").mkdir()
     plain = read(tmp_path / "plain", told)
-    assert read(tmp_path, shown).opened.machine == plain.opened.machine
+    assert read(tmp_path, text_shown).opened.machine == plain.opened.machine
 
 
 def test_a_first_try_of_a_place_and_passes_that_calibrate_have_no_heights(tmp_path: Path) -> None:
@@ -510,8 +510,8 @@ def test_files_are_read_in_the_firmwares_order(tmp_path: Path) -> None:
     assert run.opened.machine.probe_offset_mm is None
     sorted_ones = read(tmp_path, macro, SAVED_G, beside, log)
     assert positions(sorted_ones) == positions(run)
-    got, want = sorted_ones.opened.machine, run.opened.machine
-    assert (got.drive, got.position_endstop_mm) == (want.drive, want.position_endstop_mm)
+    machine, want = sorted_ones.opened.machine, run.opened.machine
+    assert (machine.drive, machine.position_endstop_mm) == (want.drive, want.position_endstop_mm)
 
 
 def test_a_log_that_is_named_twice_is_refused(tmp_path: Path) -> None:
@@ -598,8 +598,8 @@ def test_contacts_with_a_tilt_are_where_the_carriages_were(tmp_path: Path, answe
     (tmp_path / "plain").mkdir()
     plain = read(tmp_path / "plain", CONFIG_G, macro, log)
     printer = read(tmp_path, config, macro, tilted)
-    got, want = np.array(positions(printer)), np.array(positions(plain))
-    assert got == pytest.approx(want, abs=1.1e-3)
+    values, want = np.array(positions(printer)), np.array(positions(plain))
+    assert values == pytest.approx(want, abs=1.1e-3)
     assert np.abs(np.array(raised)).max() > 0.5
     assert not printer.odd
 

@@ -67,15 +67,15 @@ def _row(name: str, loop: Loop, options: Sequence[str | Path], source: Path) -> 
 
 def _homing(folder: Path) -> list[str]:
     rows = ["| homing, after the export | worst carriage, µm |", "|---|---|"]
-    tried: dict[str, tuple[Machine, list[ControllerJoint], Entry]] = {}
+    entries: dict[str, tuple[Machine, list[ControllerJoint], Entry]] = {}
     full, scaled = Machine(OFFSETS, joint=WHOLE), Machine(OFFSETS, joint=SCALE)
     for name, way in (("upwards", 1.0), ("downwards", -1.0)):
         on = on_switch(full, way)
-        tried[f"on a switch, latched {name}; every effect"] = full, on, homing(0.0, way)
+        entries[f"on a switch, latched {name}; every effect"] = full, on, homing(0.0, way)
     for kind, name in enumerate(("where it stands", "absolute encoder, 1", "the same, 2")):
         joints = [ControllerJoint(L, absolute_encoder=kind > 0)] * 3
-        tried[f"{name}; scale"] = scaled, joints, {**HERE, "HOME_ABSOLUTE_ENCODER": kind}
-    for number, (name, (machine, joints, home)) in enumerate(tried.items()):
+        entries[f"{name}; scale"] = scaled, joints, {**HERE, "HOME_ABSOLUTE_ENCODER": kind}
+    for number, (name, (machine, joints, home)) in enumerate(entries.items()):
         worst = worst_um(folder / f"homing{number}", machine, found(machine), joints, home)
         rows.append(f"| {name} | {worst:.1f} |")
     return rows

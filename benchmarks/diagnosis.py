@@ -68,19 +68,19 @@ def _once(*arguments: str) -> Cost:
         "print(json.dumps([used.ru_utime + used.ru_stime, used.ru_maxrss / 1024]))"
     )
     command = [sys.executable, "-c", code, sys.executable, *arguments]
-    done = subprocess.run(
+    process = subprocess.run(
         command, capture_output=True, check=True, cwd=ROOT, env=os.environ | ONE_THREAD, text=True
     )
-    return Cost(*json.loads(done.stdout))
+    return Cost(*json.loads(process.stdout))
 
 
 def _within(session: Path) -> list[float]:
     """Medians of reading the file and of its diagnosis in one process, s."""
     command = [sys.executable, "-c", WITHIN, str(SAMPLE), str(session), str(ROUNDS)]
-    done = subprocess.run(
+    process = subprocess.run(
         command, capture_output=True, check=True, cwd=ROOT, env=os.environ | ONE_THREAD, text=True
     )
-    return [float(line) for line in done.stdout.split()]
+    return [float(line) for line in process.stdout.split()]
 
 
 def diagnosis() -> list[str]:

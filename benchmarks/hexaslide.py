@@ -148,7 +148,7 @@ def postures_of_procedures(
 
 def hexaslide() -> list[str]:
     """The same from a process of its own, in which linear algebra has one thread."""
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "benchmarks.hexaslide"],
         capture_output=True,
         text=True,
@@ -156,7 +156,7 @@ def hexaslide() -> list[str]:
         cwd=Path(__file__).parent.parent,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
     )
-    return done.stdout.splitlines()
+    return process.stdout.splitlines()
 
 
 if __name__ == "__main__":

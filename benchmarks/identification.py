@@ -165,7 +165,7 @@ def many_sessions() -> list[str]:
     """A hundred thousand and a million sessions, each count in a process of its own, one core."""
     rows = []
     for count in (MANY, 10 * MANY):
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-m", "benchmarks.identification", str(count)],
             capture_output=True,
             text=True,
@@ -173,7 +173,7 @@ def many_sessions() -> list[str]:
             cwd=ROOT,
             env={"OPENBLAS_NUM_THREADS": "1", "PATH": ""},
         )
-        time_s, memory, failed = done.stdout.split()
+        time_s, memory, failed = process.stdout.split()
         rows.append(f"| {count:,} | {float(time_s):.2f} | {float(memory):.0f} | {failed} |")
     return [
         "| exact identifications, one core | s | peak memory, MB | failed |",

@@ -149,10 +149,10 @@ async def cpu_share(delays: Delays, settling_s: float = SETTLING_S) -> Share:
     """The share of one core that waiting needs."""
     await asyncio.sleep(settling_s)
     delays.taken()
-    wall, used, devices = time.perf_counter(), time.process_time(), devices_s()
+    wall, cpu_s, devices = time.perf_counter(), time.process_time(), devices_s()
     await asyncio.sleep(WAITING_S)
     wall = time.perf_counter() - wall
-    return Share((time.process_time() - used) / wall, (devices_s() - devices) / wall)
+    return Share((time.process_time() - cpu_s) / wall, (devices_s() - devices) / wall)
 
 
 def is_taken(screen: MeasureScreen, number: int) -> bool:

@@ -77,8 +77,8 @@ def sample(count: int) -> list[Mutant]:
     by_place = [
         (_drawn(min(there)[0], path), min(there)[1]) for (path, _, _), there in places.items()
     ]
-    chosen = [mutant for _, mutant in sorted(by_place)[:count]]
-    return sorted(chosen, key=lambda mutant: not mutant.path.startswith(FIRST))
+    mutants = [mutant for _, mutant in sorted(by_place)[:count]]
+    return sorted(mutants, key=lambda mutant: not mutant.path.startswith(FIRST))
 
 
 def _drawn(*what: object) -> str:
@@ -225,13 +225,13 @@ class LineTests:
             other = Path(mutant.path).stem not in file
             return name not in near, other, cost_s[file], file, self.seconds[name]
 
-        chosen: list[str] = []
+        tests_of_mutant: list[str] = []
         total_s = 0.0
         for name in sorted((name for name in self.seconds if _file(name) in cost_s), key=rank):
-            if not chosen or total_s + self.seconds[name] <= limit_s:
-                chosen.append(name)
+            if not tests_of_mutant or total_s + self.seconds[name] <= limit_s:
+                tests_of_mutant.append(name)
                 total_s += self.seconds[name]
-        return chosen
+        return tests_of_mutant
 
 
 def _file(test: str) -> str:
@@ -265,17 +265,22 @@ def outcome(
     changed = mutate_code(original, get_operator(mutant.operator)(), mutant.occurrence)
     lines = zip(original.splitlines(), changed.splitlines(), strict=False)
     change = next((f"{old.strip()} → {new.strip()}" for old, new in lines if old != new), "")
-    chosen = tests.of(mutant, limit_s)
-    row = {**asdict(mutant), "change": change, "tests": len(chosen), "outcome": "not reached"}
-    if not chosen:
+    tests_of_mutant = tests.of(mutant, limit_s)
+    row = {
+        **asdict(mutant),
+        "change": change,
+        "tests": len(tests_of_mutant),
+        "outcome": "not reached",
+    }
+    if not tests_of_mutant:
         return row
-    longest_s = 60.0 + 3.0 * sum(tests.seconds[name] for name in chosen)
+    longest_s = 60.0 + 3.0 * sum(tests.seconds[name] for name in tests_of_mutant)
     started = time.monotonic()
     try:
         path.write_text(changed, encoding="utf-8")
-        status = _apart(lambda: _tested(chosen), copy, log, longest_s)
+        status = _apart(lambda: _tested(tests_of_mutant), copy, log, longest_s)
         if status == pytest.ExitCode.USAGE_ERROR:  # names of tests depend on the change
-            files = list(dict.fromkeys(map(_file, chosen)))
+            files = list(dict.fromkeys(map(_file, tests_of_mutant)))
             status = _apart(lambda: _tested(files), copy, log, longest_s)
     finally:
         path.write_text(original, encoding="utf-8")

@@ -75,21 +75,21 @@ def ours(rows: FloatArray, starts: int, *, repeats: bool = False) -> FloatArray:
 
 def plain_fedorov(rows: FloatArray, seed: int = 0) -> FloatArray:
     """Fedorov's exchange as the idea is told: every swap tried, its determinant computed."""
-    chosen = np.random.default_rng(seed).choice(len(rows), COUNT, replace=False).tolist()
-    best = log_determinant(rows[chosen])
+    subset = np.random.default_rng(seed).choice(len(rows), COUNT, replace=False).tolist()
+    best = log_determinant(rows[subset])
     while True:
         swap = None
         for place in range(COUNT):
-            remaining = rows[chosen[:place] + chosen[place + 1 :]]
+            remaining = rows[subset[:place] + subset[place + 1 :]]
             fixed = remaining.T @ remaining + RIDGE * np.eye(PARAMETERS)
             all_swaps = np.linalg.slogdet(fixed + rows[:, :, None] * rows[:, None, :])[1]
-            all_swaps[chosen] = -np.inf
+            all_swaps[subset] = -np.inf
             k = int(all_swaps.argmax())
             if all_swaps[k] > best + 1e-9:
                 best, swap = float(all_swaps[k]), (place, k)
         if swap is None:
-            return np.asarray(rows[chosen])
-        chosen[swap[0]] = swap[1]
+            return np.asarray(rows[subset])
+        subset[swap[0]] = swap[1]
 
 
 def random_best(rows: FloatArray, budget_s: float) -> FloatArray:
@@ -110,9 +110,9 @@ def timed(work: Callable[[FloatArray], FloatArray]) -> tuple[list[float], list[f
     logs, times = [], []
     for rows in pools():
         begin = time.perf_counter()
-        chosen = work(rows)
+        subset = work(rows)
         times.append(time.perf_counter() - begin)
-        logs.append(log_determinant(chosen))
+        logs.append(log_determinant(subset))
     return logs, times
 
 
@@ -138,10 +138,10 @@ def figaroh_python() -> str | None:
     """The interpreter that has figaroh and picos, if there is one."""
     if all(importlib.util.find_spec(name) for name in ("figaroh", "picos")):
         return sys.executable
-    named = os.environ.get("FIGAROH_PYTHON")
-    program = shutil.which(named) if named else None
-    if named and not program:
-        print(f"FIGAROH_PYTHON: {named} is no program", file=sys.stderr)
+    program_name = os.environ.get("FIGAROH_PYTHON")
+    program = shutil.which(program_name) if program_name else None
+    if program_name and not program:
+        print(f"FIGAROH_PYTHON: {program_name} is no program", file=sys.stderr)
     return program
 
 
@@ -153,16 +153,16 @@ def figaroh() -> Way | None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "pools.npy"
         np.save(path, pools())
-        done = subprocess.run(
+        process = subprocess.run(
             [python, "-c", FIGAROH, str(path), str(COUNT)],
             capture_output=True,
             text=True,
             check=False,
         )
-    if done.returncode:
-        print(f"figaroh: {done.stderr.strip().splitlines()[-1]}", file=sys.stderr)
+    if process.returncode:
+        print(f"figaroh: {process.stderr.strip().splitlines()[-1]}", file=sys.stderr)
         return None
-    version, results = json.loads(done.stdout.splitlines()[-1])
+    version, results = json.loads(process.stdout.splitlines()[-1])
     different = sorted(result[2] for result in results)
     name = (
         f"figaroh {version}, Detmax, one start, repeats ({different[0]} to {different[-1]} "

@@ -179,8 +179,10 @@ def histories() -> list[str]:
 
 def run(*arguments: str, status: int = 0) -> None:
     """One Python process that ends so; its output is thrown away."""
-    done = subprocess.run([sys.executable, *arguments], capture_output=True, check=False, cwd=ROOT)
-    assert done.returncode == status, done.stderr.decode()
+    process = subprocess.run(
+        [sys.executable, *arguments], capture_output=True, check=False, cwd=ROOT
+    )
+    assert process.returncode == status, process.stderr.decode()
 
 
 def demo() -> None:

@@ -25,7 +25,11 @@ FLAT = {"__init__", "__main__", "cli", "exit_codes", "settings", "version"}
 
 WORDS = (
     "found one said told held own known asked shown given other left rest it them taken wanted "
-    "made seen kept every some both each more most whole these those that this others another same"
+    "made seen kept every some both each more most whole these those that this others another same "
+    "chosen named done used read written lost sent heard needed put missed met tried believed got "
+    "ones none which what who whose mine ours theirs either somebody nobody everybody anything "
+    "something nothing everything gone came brought took gave stood answered offered proposed "
+    "picked"
 )
 NO_NOUNS = frozenset(WORDS.split())
 """Participles and pronouns, which say nothing of what a value is."""
@@ -146,12 +150,12 @@ def code_lines(text: str) -> int:
         for statement in node.body if isinstance(node, documented) else ():
             if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
                 of_words.update(range(statement.lineno, (statement.end_lineno or 0) + 1))
-    none = {COMMENT, DEDENT, ENCODING, ENDMARKER, INDENT, NEWLINE, NL}
+    kinds = {COMMENT, DEDENT, ENCODING, ENDMARKER, INDENT, NEWLINE, NL}
     tokens = tokenize(BytesIO(text.encode()).readline)
     lines = {
         line
         for token in tokens
-        if token.type not in none
+        if token.type not in kinds
         for line in range(token.start[0], token.end[0] + 1)
     }
     return len(lines - of_words)
@@ -167,10 +171,10 @@ def core_modules() -> frozenset[str]:
 def entered(*arguments: str) -> tuple[int, int]:
     """Functions of the rooms that a command enters, and how deep."""
     script = ENTERED.format(root=str(ROOT), rooms=ROOMS, arguments=arguments)
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT
     )
-    functions, deepest = done.stderr.splitlines()[-1].split()
+    functions, deepest = process.stderr.splitlines()[-1].split()
     return int(functions), int(deepest)
 
 

@@ -73,10 +73,10 @@ async def take_wrong(pilot: Pilot[str], screen: MeasureScreen) -> None:
     ask = Gauge.ask
 
     def wrong(gauge: Gauge) -> Future[Outcome]:
-        heard = ask(gauge).result()
-        if isinstance(heard, IndicatorReading):
-            heard = replace(heard, value_mm=heard.value_mm + OFF_MM)
-        return answered(heard)
+        outcome = ask(gauge).result()
+        if isinstance(outcome, IndicatorReading):
+            outcome = replace(outcome, value_mm=outcome.value_mm + OFF_MM)
+        return answered(outcome)
 
     def questioned() -> bool:
         return isinstance(screen.app.screen, ChoiceDialog)

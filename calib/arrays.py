@@ -78,8 +78,8 @@ class Conditions:
 
     def take(self, rows: NDArray[Any] | Sequence[int]) -> Self:
         """The same kind of object with only these rows (indices or a mask), numbered anew."""
-        picked = np.asarray(rows)
-        arrays = {f.name: getattr(self, f.name)[picked] for f in fields(self)}
+        indices = np.asarray(rows)
+        arrays = {f.name: getattr(self, f.name)[indices] for f in fields(self)}
         for name in ("mount", "indicator"):
             arrays[name] = numbered(arrays[name])
         return replace(self, **arrays)

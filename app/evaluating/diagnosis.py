@@ -436,9 +436,11 @@ def correct(diagnosed: SessionDiagnosis, source: Path, target: Path) -> None:
         if not isinstance(item, Opened | Closed)
     ]
     kept_rows = set(cleaned.rows.tolist())
-    gone = tuple(item.reading for row, item in enumerate(session.readings) if row not in kept_rows)
-    if gone:
-        events.append(Superseded(readings=gone, reason=why))
+    readings_left_out = tuple(
+        item.reading for row, item in enumerate(session.readings) if row not in kept_rows
+    )
+    if readings_left_out:
+        events.append(Superseded(readings=readings_left_out, reason=why))
     opened = record.opened
     remarks = (*opened.remarks, origin)
     write_whole(target, opened.model_copy(update={"remarks": remarks}), events)
@@ -473,16 +475,16 @@ def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding 
         if choice.id == name and where in ("", choice.where) and choice.effects
     ]
     if not fitting:
-        offered = [*unnamed, *diagnosis.candidates[:MOST_OFFERED]]
-        offered_words = ", ".join(f"{choice.id}:{choice.where}" for choice in offered)
+        contenders = [*unnamed, *diagnosis.candidates[:MOST_OFFERED]]
+        offered_words = ", ".join(f"{choice.id}:{choice.where}" for choice in contenders)
         raise UsageError("--candidate", repr(candidate), offered_words or "no candidate at all")
     return [fitting[0]]
 
 
 def write_procedure(diagnosed: SessionDiagnosis, path: Path, *, replace: bool = False) -> None:
     """The proposed measurement as a procedure file. Raises UsageError where there is none."""
-    proposed = diagnosed.separation
-    if proposed is None:
+    separation = diagnosed.separation
+    if separation is None:
         legs = all(r.leg in LEG_NAMES for session in diagnosed.sessions for r in session.readings)
         raise UsageError(
             "--next",
@@ -490,7 +492,7 @@ def write_procedure(diagnosed: SessionDiagnosis, path: Path, *, replace: bool = 
             "a diagnosis that proposes a measurement",
             "To lower the bound at the tool nevertheless: glidecal plan SESSION." if legs else "",
         )
-    text = proposed.candidate.text
+    text = separation.candidate.text
     if not text.startswith("schema"):
         raise UsageError(
             "--next",

@@ -240,10 +240,10 @@ def _refused(diagnosed: DiagnosedPostures, reason: str, thing: str = "--adopt") 
     if not diagnosed.models.entries:
         spare = f"{diagnosed.models.spare} readings beyond the parameters"
         return UsageError(thing, spare, f"{FEWEST_SPARE} or more", "Measure more postures.")
-    offered = [
+    names = [
         f"{short_name(name)} ({100.0 * weight:.0f} %)"
         for name, weight in _likely(diagnosed).items()
         if weight >= OPEN
     ]
-    listed = f"--candidate with one of {', '.join(offered[:MOST_OFFERED])}" if offered else "none"
+    listed = f"--candidate with one of {', '.join(names[:MOST_OFFERED])}" if names else "none"
     return UsageError(thing, reason, listed)

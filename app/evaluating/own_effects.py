@@ -33,8 +33,8 @@ def known_effects() -> tuple[Effect, ...]:
     Raises RecordError naming the file or entry point that cannot be used, and why.
     """
     effects = list(CATALOGUE)
-    for source, offered in (*_from_files(), *_from_entry_points()):
-        for item in _run(source, partial(_each, offered)):
+    for source, candidate in (*_from_files(), *_from_entry_points()):
+        for item in _run(source, partial(_each, candidate)):
             fault = _run(source, partial(fault_of, item))
             if fault:
                 raise _broken(source, fault)
@@ -81,9 +81,9 @@ def _run(source: str, load: Callable[[], T]) -> T:
         raise _broken(source, _said(problem)) from problem
 
 
-def _each(offered: object) -> tuple[object, ...]:
+def _each(candidate: object) -> tuple[object, ...]:
     """What was given; a list of the user's own class runs strange code even here."""
-    return tuple(offered) if isinstance(offered, tuple | list) else (offered,)
+    return tuple(candidate) if isinstance(candidate, tuple | list) else (candidate,)
 
 
 def _said(problem: BaseException) -> str:

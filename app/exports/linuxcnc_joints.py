@@ -115,16 +115,16 @@ def one_joint_a_drive(joints: tuple[DriveJoint, ...], kinematics: str) -> list[D
     """The joint of each drive x, y, z. Raises UsageError for a gantry."""
     single = []
     for drive, leg in enumerate(LEG_NAMES):
-        mine = [joint for joint in joints if joint.drive == drive]
-        if len(mine) > 1:
-            numbers = " and ".join(str(joint.joint) for joint in mine)
+        joints_of_drive = [joint for joint in joints if joint.drive == drive]
+        if len(joints_of_drive) > 1:
+            numbers = " and ".join(str(joint.joint) for joint in joints_of_drive)
             raise UsageError(
                 f"kinematics {kinematics}",
                 f"joints {numbers} on drive {leg}",
                 "one joint a drive",
                 "Use --format linuxcnc.",
             )
-        single += mine
+        single += joints_of_drive
     return single
 
 

@@ -67,10 +67,10 @@ def _beside(dialect: Dialect, places: Sequence[Place], machine: Machine) -> Iter
     x_beside, y_beside, _ = machine.beside_mm
     if not (x_beside or y_beside):
         return
-    who, sign = ("probe", 1.0) if dialect == "klipper" else ("nozzle", -1.0)
+    tool, sign = ("probe", 1.0) if dialect == "klipper" else ("nozzle", -1.0)
     far_mm = max(math.hypot(x + sign * x_beside, y + sign * y_beside) for x, y in places)
     needs = "the plate has to reach that far" if dialect == "klipper" else "it has to reach there"
-    yield f"The {who} goes up to {far_mm:.1f} mm from the middle: {needs}"
+    yield f"The {tool} goes up to {far_mm:.1f} mm from the middle: {needs}"
 
 
 def _probed(procedure: Procedure) -> Plate:

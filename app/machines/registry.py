@@ -170,12 +170,12 @@ def options_of(
     ``found`` says what they were given with, ``words`` what of another kind takes them.
     """
     verb = context.command.name or ""
-    ours = _own(family, verb)
+    own_options = _own(family, verb)
     for family_beside in FAMILIES:
-        if wrong := typed(context, _own(family_beside, verb) - ours):
+        if wrong := typed(context, _own(family_beside, verb) - own_options):
             raise UsageError(wrong, found, words(family_beside))
     kind = family.options.get(verb)
-    return None if kind is None else kind(**{name: given[name] for name in ours})
+    return None if kind is None else kind(**{name: given[name] for name in own_options})
 
 
 def _own(family: Family, verb: str) -> set[str]:

@@ -223,18 +223,18 @@ class PostureTaking:
         """All readings up to now; the last one is asked about again where nobody answered."""
         session = self.session
         kept_numbers = {note.partition(":")[0] for note in session.notes if note.endswith(KEPT)}
-        answered = [
+        readings = [
             reading
             for reading in session.readings
             if reading != session.readings[-1] or f"reading {reading.reading}" in kept_numbers
         ]
         possible = [
-            reading for reading in answered if self._expectation.departure(session.only(reading))
+            reading for reading in readings if self._expectation.departure(session.only(reading))
         ]
         if possible:
             answers = replace(session, readings=tuple(possible)).measurements().readings()
             self._expectation.learn(answers)
-        if len(answered) < len(session.readings):
+        if len(readings) < len(session.readings):
             return self._departing(session.readings[-1])
         return None
 

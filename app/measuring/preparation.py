@@ -96,8 +96,8 @@ class Preparation:
     def procedures(self) -> list[str]:
         """What a guided session can measure on the machine, its usual procedure first."""
         machine = self.offered_for
-        offered = guided_procedure_names(machine.geometry(), machine.printable_radius_mm)
-        return list(dict.fromkeys([machine.usual_procedure, *offered]))
+        names = guided_procedure_names(machine.geometry(), machine.printable_radius_mm)
+        return list(dict.fromkeys([machine.usual_procedure, *names]))
 
     def procedure(self, machine: Machine) -> Procedure:
         """Shuffled where a seed is typed. Raises UsageError, RecordError."""

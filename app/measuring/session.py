@@ -316,10 +316,10 @@ class GuidedSession:
         then every step of the mounting is measured again. The same for a step that was skipped.
         """
         with self._lock:
-            gone = self.steps_repeated_with(number)
-            skipped = tuple(n for n in gone if n in self.session.skipped)
+            steps = self.steps_repeated_with(number)
+            skipped = tuple(n for n in steps if n in self.session.skipped)
             restored = [Restored(steps=skipped, reason=reason)] if skipped else []
-            self._append([*self._superseded(gone, reason), *restored])
+            self._append([*self._superseded(steps, reason), *restored])
             return self.step()
 
     def steps_repeated_with(self, number: int) -> frozenset[int]:
@@ -412,8 +412,8 @@ class GuidedSession:
             step = self.step()
             unsure = since_last_seen(self.session)
             numbers = tuple(r.reading for r in unsure)
-            gone: list[Line] = [Superseded(readings=numbers, reason=reason)] if numbers else []
-            self._append([*gone, *([self._new_mounting(step)] if step else [])])
+            events: list[Line] = [Superseded(readings=numbers, reason=reason)] if numbers else []
+            self._append([*events, *([self._new_mounting(step)] if step else [])])
             return tuple(dict.fromkeys(r.step for r in unsure if r.step is not None))
 
     def change(self, change: Changed) -> None:

@@ -240,10 +240,12 @@ class _Report:
 
         Other components of this name are in none of these models.
         """
-        mine = {k for k, component in enumerate(self.components) if name_of(component) == name}
+        own_numbers = {
+            k for k, component in enumerate(self.components) if name_of(component) == name
+        }
         weights: dict[tuple[int, ...], float] = {}
         for model in self.posterior.models:
-            numbers = tuple(k for k in model.members if k in mine)
+            numbers = tuple(k for k in model.members if k in own_numbers)
             if numbers:
                 weights[numbers] = weights.get(numbers, 0.0) + model.weight
         return weights
@@ -264,9 +266,9 @@ class _Report:
             means, squares = [], []
             for model in models:
                 at = self.posterior.starts(model)[model.members.index(number)]
-                mine = slice(at, at + len(candidate.parameters))
-                means.append(model.mean[mine])
-                squares.append(model.mean[mine] ** 2 + model.variance[mine])
+                places = slice(at, at + len(candidate.parameters))
+                means.append(model.mean[places])
+                squares.append(model.mean[places] ** 2 + model.variance[places])
             mean = share @ np.array(means)
             deviation = np.sqrt(np.maximum(share @ np.array(squares) - mean**2, 0.0))
             columns = zip(candidate.parameters, mean.tolist(), deviation.tolist(), strict=True)

@@ -146,8 +146,8 @@ def exact_fit(
     Raises NotIdentifiable where the legs cannot meet or no optimum is found.
     """
     if model.effects:
-        nothing = np.full(len(free) + len(sizes), np.inf)
-        fitted = _at_rest(model, observed, free, weight, sizes, nothing, begin).model
+        spread = np.full(len(free) + len(sizes), np.inf)
+        fitted = _at_rest(model, observed, free, weight, sizes, spread, begin).model
     else:
         optimum = PlainFit.of(model, observed, free, weight).solve(observed.value_mm[:, None])
         if not optimum.converged[0]:

@@ -80,10 +80,10 @@ def free_columns(
 ) -> FloatArray:
     """Columns ``(n, r)`` of adopted effects per standard deviation; others are per unit."""
     blocks = [np.zeros((len(columns), 0))]
-    for component, mine in zip(components, index, strict=True):
+    for component, places in zip(components, index, strict=True):
         spread = free_spread(component, case)
         if spread is not None:
-            blocks.append(columns[:, mine] * (spread / component.unit))
+            blocks.append(columns[:, places] * (spread / component.unit))
     return np.hstack(blocks)
 
 
@@ -95,9 +95,9 @@ def _bars_of_sessions(
     counts += [len(cells.case.distances) for cells in sessions]
     owner = np.repeat(np.tile(np.arange(len(sessions)), 2), counts)
     for number in range(1, len(sessions)):
-        mine = np.flatnonzero(owner == number)
+        own_rows = np.flatnonzero(owner == number)
         columns = np.zeros((len(rows.residual), LENGTHS))
-        columns[mine] = rows.base[mine, :LENGTHS] * rows.spread[:LENGTHS]
+        columns[own_rows] = rows.base[own_rows, :LENGTHS] * rows.spread[:LENGTHS]
         yield other_bars(number, rows.spread[:LENGTHS]), columns
 
 

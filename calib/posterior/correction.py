@@ -250,7 +250,7 @@ def model_of(posterior: Posterior, values: FloatArray) -> Model:
     field = posterior.field
     effects = []
     for law in field.placed:
-        mine = values[list(field.columns_of(law))]
-        if mine.any():
-            effects.append(EffectInstance(*law, tuple(float(v) for v in mine)))
+        sizes = values[list(field.columns_of(law))]
+        if sizes.any():
+            effects.append(EffectInstance(*law, tuple(float(v) for v in sizes)))
     return Model(posterior.geometry, tuple(float(v) for v in values[:BASE]), tuple(effects))

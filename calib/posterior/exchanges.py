@@ -164,16 +164,16 @@ def _pairs(cycle: IntArray, level: IntArray) -> dict[tuple[Places, Places], str]
         f"cycle {number}": np.flatnonzero(cycle == number) for number in np.unique(cycle).tolist()
     }
     pairs: dict[tuple[Places, Places], str] = {}
-    for when, mine in cycles.items():
-        near = 1 if len(mine) > MANY else len(mine)
-        for i, j in combinations(range(len(mine)), 2):
-            if j - i <= near and level[mine[i]] != level[mine[j]]:
-                pairs[(int(mine[i]),), (int(mine[j]),)] = when
+    for when, rows in cycles.items():
+        near = 1 if len(rows) > MANY else len(rows)
+        for i, j in combinations(range(len(rows)), 2):
+            if j - i <= near and level[rows[i]] != level[rows[j]]:
+                pairs[(int(rows[i]),), (int(rows[j]),)] = when
     levels = np.unique(level).tolist()
     level_pairs = combinations(levels if len(levels) <= MANY else [], 2)
     for (first, second), last in product(level_pairs, (False, True)):
         places_by_time = {
-            when: _paired(mine, level[mine], first, second, last) for when, mine in cycles.items()
+            when: _paired(rows, level[rows], first, second, last) for when, rows in cycles.items()
         }
         here, there = (
             tuple(i for pair in places_by_time.values() for i in pair[side]) for side in range(2)

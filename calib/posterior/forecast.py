@@ -259,9 +259,9 @@ class Forecast:
     @cached_property
     def now_mm(self) -> float:
         """The bound without more readings."""
-        nothing, field = np.zeros((0, 0)), np.zeros((0, self.shown.shape[1]))
+        empty, field = np.zeros((0, 0)), np.zeros((0, self.shown.shape[1]))
         unchanged = tuple((np.zeros(0), field) for _ in self.followed)
-        return self.after_mm(ExpectedReadings(np.zeros(0), field, nothing, nothing, unchanged))
+        return self.after_mm(ExpectedReadings(np.zeros(0), field, empty, empty, unchanged))
 
     def after_mm(self, readings: ExpectedReadings) -> float:
         """The bound after these readings, the mean over the models that may be true."""

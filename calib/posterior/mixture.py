@@ -105,17 +105,17 @@ class Group:
     def only(self, models: Collection[int]) -> Group:
         """The group without other models than these."""
         inside = np.isin(self.rows, list(models))
-        mine = inside[self.owner]
+        columns = inside[self.owner]
         widths = np.bincount(self.owner, minlength=len(self.rows))[inside]
         return replace(
             self,
             rows=self.rows[inside],
             owner=np.repeat(np.arange(len(widths)), widths),
             blocks=_blocks(widths),
-            sizes=self.sizes[:, mine],
+            sizes=self.sizes[:, columns],
             away=self.away[:, inside],
             inflated=self.inflated[inside],
-            tool_sizes=self.tool_sizes[:, mine],
+            tool_sizes=self.tool_sizes[:, columns],
             tool_mean=self.tool_mean[:, inside],
         )
 
@@ -134,8 +134,8 @@ class Group:
         expected = readings.expected[:, None] + readings.columns @ self.away
         for number, (means, columns) in zip(followed, readings.followed, strict=True):
             for j in np.flatnonzero(self.rows == number).tolist():
-                mine = self.owner == j
-                sizes[:, mine] = columns @ self.sizes[:, mine]
+                places = self.owner == j
+                sizes[:, places] = columns @ self.sizes[:, places]
                 expected[:, j] = means
         sizes = white @ sizes
         explained, roots = np.zeros_like(sizes), []

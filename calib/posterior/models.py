@@ -173,8 +173,8 @@ class Posterior:
         for k, at in zip(model.members, self.starts(model), strict=True):
             squares = self.components[k].squares
             if squares is not None:
-                mine = slice(at, at + len(squares))
-                square += float(squares @ (model.mean[mine] ** 2 + model.variance[mine]))
+                places = slice(at, at + len(squares))
+                square += float(squares @ (model.mean[places] ** 2 + model.variance[places]))
         return square
 
     @cached_property
@@ -371,18 +371,18 @@ class Posterior:
         """
         model = self.models[0]
         rows, count = self.linear.rows, self.parameter_count
-        mine = slice(rows.cells, rows.exact)
+        places = slice(rows.cells, rows.exact)
         design = np.zeros((rows.exact - rows.cells, len(model.mean)))
-        design[:, :count] = rows.base[mine]
+        design[:, :count] = rows.base[places]
         for k, at in self.placed(model):
             unit = self.components[k].unit
-            columns = self.linear.columns[mine][:, self.linear.index[k]]
+            columns = self.linear.columns[places][:, self.linear.index[k]]
             design[:, at : at + len(unit)] = columns / unit
         values = model.mean.copy()
         values[:count] -= rows.value
         fitted = model.variance_of(design) / model.inflated**2
         return np.asarray(
-            (rows.residual[mine] - design @ values) / np.sqrt(np.maximum(1.0 - fitted, BLIND))
+            (rows.residual[places] - design @ values) / np.sqrt(np.maximum(1.0 - fitted, BLIND))
         )
 
     @property

@@ -148,8 +148,8 @@ class PosteriorProblem:
         linear = Linear(self.rows, self.columns, self.index)
         result = Posterior(self.sessions, self.components, tuple(models), field, linear)
         constant = self.rows.log_constant + self._log_of_states() + self.log_of_lines + log_usual
-        nothing = race.products
-        log_plain = race.log_evidence(np.array(nothing.square), np.array(nothing.room))
+        products = race.products
+        log_plain = race.log_evidence(np.array(products.square), np.array(products.room))
         plain = RaceEntry((), (), float(LOG_CAUSES[0] + log_plain))
         # something else explains any mistake away
         of_names = [entry for entry in entries if entry.members and not self._else(entry)]

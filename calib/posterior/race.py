@@ -155,18 +155,18 @@ class Race:
         """
         best = np.full(len(square), -math.inf)
         for members, index, blocks in self._blocks:
-            mine = np.isin(members, components)
-            if not mine.any():
+            is_among = np.isin(members, components)
+            if not is_among.any():
                 continue
-            sizes, axes = np.linalg.eigh(blocks[mine])
-            turned = np.swapaxes(axes, 1, 2) @ along[index[mine]]
+            sizes, axes = np.linalg.eigh(blocks[is_among])
+            turned = np.swapaxes(axes, 1, 2) @ along[index[is_among]]
             size = np.maximum(sizes, 0.0)
             for scale, log_prior in zip(SCALES, self._log_prior, strict=True):
                 wide = 1.0 + scale**2 * size
                 remainder = square - (scale**2 * turned**2 / wide[:, :, None]).sum(axis=1)
                 room = self.products.room - 0.5 * np.log(wide).sum(axis=1)
                 log = self.log_evidence(remainder, room[:, None])
-                log = log + log_prior[members[mine]][:, None]
+                log = log + log_prior[members[is_among]][:, None]
                 best = np.maximum(best, log.max(axis=0))
         return np.asarray(best + LOG_CAUSES[1])
 
@@ -211,8 +211,8 @@ class Race:
         All pairs are tried; of triples those that hold one of the heaviest pairs.
         """
         plain = self.products
-        nothing = self.log_evidence(np.array(plain.square), np.array(plain.room))
-        weights: dict[Key, float] = {(): float(LOG_CAUSES[0] + nothing)}
+        log_plain = self.log_evidence(np.array(plain.square), np.array(plain.room))
+        weights: dict[Key, float] = {(): float(LOG_CAUSES[0] + log_plain)}
         weights |= self._beside([()], weights[()])
         wide = [k for k, columns in enumerate(self.columns) if len(columns) > NARROW]
         pairs = self._pairs()

@@ -272,11 +272,11 @@ def _coordinates(pool: LegPool, subset: Sequence[int]) -> Iterator[Coordinates]:
 
 def _on_bound(pool: LegPool, subset: Sequence[int]) -> int:
     """Displacements on a joint limit and stations at an end of their range."""
-    picked, geometry = list(subset), pool.geometry
+    members, geometry = list(subset), pool.geometry
     limits = (geometry.travel_min_mm, geometry.travel_max_mm)
     ends = (min(STATIONS), max(STATIONS))
-    moved = np.isin(pool.displacement_mm[picked], limits).sum()
-    return int(moved + np.isin(pool.station[picked], ends).sum())
+    moved = np.isin(pool.displacement_mm[members], limits).sum()
+    return int(moved + np.isin(pool.station[members], ends).sum())
 
 
 def _orders(pool: LegPool, subset: Sequence[int]) -> Orders:

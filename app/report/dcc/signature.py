@@ -60,23 +60,23 @@ def read_key(path: Path, password: Callable[[], str]) -> SigningKey:
         raise RecordError(thing, reason=reason, allowed=ALLOWED) from problem
     if not isinstance(key, rsa.RSAPrivateKey | ec.EllipticCurvePrivateKey):
         raise RecordError(thing, reason="no private key for signatures", allowed=ALLOWED)
-    mine = [
+    own_certificates = [
         certificate for certificate in certificates if certificate.public_key() == key.public_key()
     ]
-    if not mine:
+    if not own_certificates:
         raise RecordError(thing, reason="no certificate of this key", allowed=ALLOWED)
-    first, until = mine[0].not_valid_before_utc, mine[0].not_valid_after_utc
+    first, until = own_certificates[0].not_valid_before_utc, own_certificates[0].not_valid_after_utc
     if not first <= datetime.now(UTC) <= until:
         reason = f"a certificate from {first:%Y-%m-%d} to {until:%Y-%m-%d}"
         raise RecordError(thing, reason, "one that is valid today")
     return SigningKey(
         key,
         [
-            mine[0],
+            own_certificates[0],
             *(
                 certificate_above
                 for certificate_above in certificates
-                if certificate_above is not mine[0]
+                if certificate_above is not own_certificates[0]
             ),
         ],
     )

@@ -137,8 +137,8 @@ class Correcting:
         guided = self.guided
         session = guided.session
         if any(r.step == step for r in session.readings) or step in session.skipped:
-            gone = len(guided.steps_repeated_with(step))
-            question = questions.again_question(step, step in session.skipped, gone)
+            count = len(guided.steps_repeated_with(step))
+            question = questions.again_question(step, step in session.skipped, count)
             words = f"Step {step} is measured again: {{}}"
             return await self._with_reason(question, partial(guided.repeat, step), words)
         question = questions.RESTORE_QUESTION.format(step, guided.why_superseded(step))

@@ -168,11 +168,11 @@ def _next(diagnosed: SessionDiagnosis) -> str:
 
 def _support(diagnosed: SessionDiagnosis, key: str = "") -> list[str]:
     """What held-out readings say, what has no name, and what to measure next."""
-    diagnosis, proposed = diagnosed.diagnosis, diagnosed.separation
+    diagnosis, separation = diagnosed.diagnosis, diagnosed.separation
     return [
         held_out_words(diagnosis.held_out) if diagnosis.held_out else "",
         discrepancy_text(diagnosis.left_over) if diagnosis.left_over else "",
-        f"Next measurement: {proposed.words}.{key}" if proposed else "",
+        f"Next measurement: {separation.words}.{key}" if separation else "",
     ]
 
 

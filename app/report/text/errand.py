@@ -89,8 +89,8 @@ class SessionChoice:
         """A session that can be read; after ``before`` the one that verifies it is proposed."""
         listed = [session for session in self.recent if session != before]
         rows: list[tuple[SessionFile | None, str]] = [(s, texts.session_label(s)) for s in listed]
-        proposed = follow_up(before, listed) if before else None
-        at = listed.index(proposed) if proposed else 0
+        partner = follow_up(before, listed) if before else None
+        at = listed.index(partner) if partner else 0
         words = question if listed else f"{question}\n{texts.NO_SESSIONS}"
         elsewhere = SessionFile(Path(), texts.ELSEWHERE)
         rows.append((elsewhere, texts.ELSEWHERE))

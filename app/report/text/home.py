@@ -282,9 +282,9 @@ def ports_here(count: int) -> str:
     return f"{count} port{'s' if count > 1 else ''} to choose from"
 
 
-def port_label(port: str, description: str, answered: Mapping[str, str]) -> str:
+def port_label(port: str, description: str, names: Mapping[str, str]) -> str:
     """A port with what the system says of it, and what was found to answer there."""
-    fits = f"; answers as {answered[port]}" if port in answered else ""
+    fits = f"; answers as {names[port]}" if port in names else ""
     return f"{port}  {description}{fits}"
 
 

@@ -277,7 +277,7 @@ def alias_text(aliases: AliasMap) -> str:
 def workspace_text(machine: Machine, workspace: Workspace) -> str:
     """The box and how much of it is reached, the factors, the cut, the angles, then maps."""
     low, high = machine.travel_min_mm, machine.travel_max_mm
-    whose = "stated in the machine file" if workspace.stated else "all that joint limits allow"
+    basis = "stated in the machine file" if workspace.stated else "all that joint limits allow"
     box = ", ".join(
         f"{axis} {a:.0f} … {b:.0f}"
         for axis, a, b in zip(LEG_NAMES, workspace.low_mm, workspace.high_mm, strict=True)
@@ -286,7 +286,7 @@ def workspace_text(machine: Machine, workspace: Workspace) -> str:
     for leg, theta, beta in zip(LEG_NAMES, workspace.theta_deg, workspace.beta_deg, strict=True):
         joints.add_row(leg, *(f"{a:+.1f} … {b:+.1f}" for a, b in (theta, beta)))
     return paragraphs(
-        f"{machine.name}: workspace {box} mm, {whose} (carriages {low:g} … {high:g} mm from Zero). "
+        f"{machine.name}: workspace {box} mm, {basis} (carriages {low:g} … {high:g} mm from Zero). "
         f"{workspace.reached:.0%} of this box is reached, {1e-6 * workspace.volume_mm3:.2f} dm³.",
         f"Velocity transmission factors, tool over carriages: {workspace.lowest_factor:.2f} … "
         f"{workspace.highest_factor:.2f}; at Zero {_factors(workspace.at_zero)}. "

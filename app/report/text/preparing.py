@@ -56,10 +56,10 @@ def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[
     )
 
 
-def indicator_fields(form: Form, answered: Mapping[str, str]) -> Iterator[FormField]:
-    """The form of an indicator, with what is known of it; ``answered``: profiles by port."""
+def indicator_fields(form: Form, names_by_port: Mapping[str, str]) -> Iterator[FormField]:
+    """The form of an indicator, with what is known of it; ``names_by_port``: profiles by port."""
     values = {name: str(value) for name, value in (USUAL | form).items()}
-    ports = [(port_label(*entry, answered), entry[0]) for entry in serial_ports()]
+    ports = [(port_label(*entry, names_by_port), entry[0]) for entry in serial_ports()]
     rows = {
         "profile": profile_rows(),
         "axes": [(axes_words(axes), axes) for axes in dict.fromkeys([*AXES, values["axes"]])],

@@ -159,8 +159,8 @@ def next_again_text(step: Step | None) -> str:
 
 def again_question(step: int, skipped: bool, gone: int) -> str:
     """Before a step is measured again; with it ``gone`` steps of a stand that has left."""
-    brought = "brought back" if skipped else "measured again"
-    question = f"Why is step {step} {brought}? With a reason it becomes the next step."
+    words = "brought back" if skipped else "measured again"
+    question = f"Why is step {step} {words}? With a reason it becomes the next step."
     if gone > 1:
         question += f" Its stand is gone: {gone} steps are measured, to share one zero."
     return question

@@ -210,13 +210,11 @@ def stacked_columns(
     parts = [place_columns(model, observed, effects) for model, observed in sessions]
     stacked = []
     for effect, *of_sessions in zip(effects, *parts, strict=True):
-        nothing = [np.zeros((len(o), len(effect.parameters))) for _, o in sessions]
+        zeros = [np.zeros((len(o), len(effect.parameters))) for _, o in sessions]
         places = dict.fromkeys(place for by_place in of_sessions for place in by_place)
         stacked.append(
             {
-                place: np.vstack(
-                    [o.get(place, z) for o, z in zip(of_sessions, nothing, strict=True)]
-                )
+                place: np.vstack([o.get(place, z) for o, z in zip(of_sessions, zeros, strict=True)])
                 for place in places
             }
         )

@@ -22,24 +22,24 @@ TRIED_MM = (1.0, -0.7, 0.5, 0.1, -0.1, 0.05)
 LEAST_TOLERANCE, MOST_TOLERANCE = 1e-9, 1e9
 
 
-def fault_of(offered: object) -> str:
+def fault_of(candidate: object) -> str:
     """Why it is no law that can be used, tried at every place; empty if nothing.
 
     Raises whatever the code of the law raises.
     """
-    fault = _fault_of_form(offered)
+    fault = _fault_of_form(candidate)
     if fault:
         return fault
-    effect = cast(Effect, offered)
+    effect = cast(Effect, candidate)
     fault = _fault_of_change(effect)
     return f"{effect.id}: {fault}" if fault else ""
 
 
-def _fault_of_form(offered: object) -> str:
+def _fault_of_form(candidate: object) -> str:
     """What it lacks to be a law; empty if nothing."""
-    if not all(isinstance(getattr(offered, name, None), str) for name in WORDS):
-        return f"{offered!r:.80}, which lacks one of the texts {', '.join(WORDS)}"
-    effect = cast(Effect, offered)
+    if not all(isinstance(getattr(candidate, name, None), str) for name in WORDS):
+        return f"{candidate!r:.80}, which lacks one of the texts {', '.join(WORDS)}"
+    effect = cast(Effect, candidate)
     if not ID.fullmatch(effect.id):
         return f"the id {effect.id!r}, not of small letters, digits and _"
     if not isinstance(effect.kind, Kind) or not isinstance(effect.stage, Stage):

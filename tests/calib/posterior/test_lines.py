@@ -114,7 +114,7 @@ def test_without_tolerances_the_same_machine_has_a_name() -> None:
 
 
 def test_no_contact_shows_a_turn_of_all_towers() -> None:
-    """From the last tower it is counted: one of six directions across the towers is no parameter.
+    """From the last tower it is measured: one of six directions across the towers is no parameter.
 
     By a simulation of its own.
     """

@@ -264,8 +264,8 @@ def geometry_tolerances(
 
     Of each drive where its line lies across itself, how it leans, and what its travel is off by; 0:
     a part that is as stated. Where legs are read these see differences of two drives. Of parallel
-    drives the last stands in its direction: the machine's turn about them is measured from there, by
-    firmware of printers, too, and no reading shows another.
+    drives the last stands in its direction: the turn of the machine about them is measured from
+    there, by firmware of printers, too, and no reading shows another.
     """
     of_two = math.sqrt(2.0)
     across = tuple(geometry.across)

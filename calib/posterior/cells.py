@@ -109,9 +109,9 @@ class SessionCase:
     are parameters of the drives' lines, laws at places, with their standard deviations;
     ``radius_mm`` is that of the radius of all towers, where it may be a guess. What is
     ``as_stated`` is as the model has it, but for what has a name. Joint offsets of sessions of the
-    same ``state`` of the machine differ by what was ``entered_mm`` and
-    by what homing changes, ``homing_mm``; None: they are no other session's. ``distances`` between
-    marks were measured beside the readings.
+    same ``state`` of the machine differ by what was ``entered_mm`` and by what homing changes,
+    ``homing_mm``; None: they are no other session's. ``distances`` between marks were measured
+    beside the readings.
     """
 
     model: Model

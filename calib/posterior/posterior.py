@@ -45,6 +45,7 @@ AS_STATED: dict[Stated, float] = {
 Switches and where towers stand are what firmware fits, some with one length of all bars: contacts
 that these explain to their noise are no reason to doubt all other parts.
 """
+FIRMWARE: tuple[Stated, ...] = ("directions and single bars", "directions and bars")
 
 TYPED_IN = 0.2
 """How likely the radius in a printer's firmware is a guess. Of 14 printers of which owners have
@@ -75,9 +76,12 @@ def _shares(cases: Sequence[SessionCase]) -> dict[Stated, float]:
     """How likely so much of the machine is as its file states it; what comes first is least."""
     if not any(case.geometry for case in cases):
         return {"nothing": 1.0}
+    shares = dict(AS_STATED)
+    if cases[0].model.geometry.common_zero:  # not towers
+        shares["directions"] += math.fsum(shares.pop(stated) for stated in FIRMWARE)
     if not any(case.radius_mm for case in cases):
-        return AS_STATED
-    measured = {s: (1.0 - TYPED_IN) * share for s, share in AS_STATED.items()}
+        return shares
+    measured = {stated: (1.0 - TYPED_IN) * share for stated, share in shares.items()}
     return {"nothing": TYPED_IN, "radius": measured.pop("nothing"), **measured}
 
 

@@ -74,8 +74,9 @@ CASES = [f"{prior:g}" for prior in CAUSES.round(12)]
         f"all free; {AS_STATED['directions']:g}, directions and travel as stated; "
         f"{AS_STATED['directions and single bars']:g}, also a flat plate, and bars, to "
         f"{cells.STATED_MM:g} mm, but for what all have in common; "
-        f"{AS_STATED['directions and bars']:g}, that, too; {AS_STATED['lines']:g}, all but "
-        f"the bars; {AS_STATED['lines and bars']:g}, also the bars.",
+        f"{AS_STATED['directions and bars']:g}, that, too (these two of towers alone); "
+        f"{AS_STATED['lines']:g}, all but the bars; "
+        f"{AS_STATED['lines and bars']:g}, also the bars.",
         f"these have {1.0 - TYPED_IN:g} of the prior.",
         f"the best {race.PAIRS} pairs at all scales, "
         f"and every third component beside the {race.TRIPLES_FROM} heaviest pairs. "

@@ -7,7 +7,9 @@ contacts show has a simulation of its own in `tests.blind.printers`.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from typing import get_args
 
 import numpy as np
@@ -17,7 +19,7 @@ from scipy.optimize import least_squares
 from calib.arrays import FloatArray, observe, tool_conditions
 from calib.posterior.cells import Cells, SessionCase, Stated
 from calib.posterior.entered import nothing_entered
-from calib.posterior.posterior import posterior
+from calib.posterior.posterior import AS_STATED, FIRMWARE, posterior
 from calib.posterior.problem import PosteriorProblem
 from calib.posterior.readings import LENGTHS
 from calib.tripod.effects.drives import (
@@ -30,6 +32,7 @@ from calib.tripod.effects.drives import (
 )
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Model
 from protocols.machine import load_machine
 from tests.blind.printers import BELIEVED, PERFECT, RINGS
 from tests.calib.posterior.sessions import SWEEP, case
@@ -129,6 +132,34 @@ def test_no_contact_shows_a_turn_of_all_towers() -> None:
     towers = load_machine("linear-delta").geometry()
     places = [place for law, place in geometry_tolerances(towers, 0.3, 0.0, 0.0)]
     assert places == ["xr", "xt", "yr", "yt", "zr"]
+
+
+def test_what_firmware_fits_is_a_case_of_towers_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    statements: list[Stated] = []
+    work_out = Cells.of_all
+
+    def note(cases: Sequence[SessionCase]) -> list[Cells]:
+        statements.append(cases[0].as_stated)
+        return work_out(cases)
+
+    monkeypatch.setattr(Cells, "of_all", note)
+    towers = load_machine("linear-delta")
+    places = [*product((-60.0, 0.0, 60.0), (-60.0, 0.0, 60.0), (0.0,))] * 2
+    over_plate = tool_conditions(places)
+    contacts = replace(
+        case(SWEEP),
+        model=Model(towers.geometry()),
+        observed=observe(over_plate, np.random.default_rng(3).normal(0.0, 0.01, len(places))),
+        geometry=towers.geometry_tolerances(),
+    )
+    for session, kept in ((of_lines(0)[0], False), (contacts, True)):
+        statements.clear()
+        posterior([session])
+        assert statements[0] == "nothing"
+        assert {"directions", "lines", "lines and bars"} < {*statements}
+        assert ({*FIRMWARE} <= {*statements}) == kept
+        assert kept or not {*FIRMWARE} & {*statements}
+    assert math.fsum(AS_STATED.values()) == pytest.approx(1.0)
 
 
 def test_bars_of_one_jig_may_be_off_together_alone() -> None:

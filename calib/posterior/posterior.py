@@ -34,18 +34,11 @@ leg would else pull those of the others towards what the file says."""
 
 AS_STATED: dict[Stated, float] = {
     "nothing": 0.25,
-    "directions": 0.22,
-    "directions and single bars": 0.06,
-    "directions and bars": 0.09,
+    "directions": 0.37,
     "lines": 0.35,
     "lines and bars": 0.03,
 }
-"""How likely a machine with tolerances of its lines has so much as the file states it.
-
-Switches and where towers stand are what firmware fits, some with one length of all bars: contacts
-that these explain to their noise are no reason to doubt all other parts.
-"""
-FIRMWARE: tuple[Stated, ...] = ("directions and single bars", "directions and bars")
+"""How likely a machine with tolerances of its lines has so much as the file states it."""
 
 TYPED_IN = 0.2
 """How likely the radius in a printer's firmware is a guess. Of 14 printers of which owners have
@@ -76,12 +69,9 @@ def _shares(cases: Sequence[SessionCase]) -> dict[Stated, float]:
     """How likely so much of the machine is as its file states it; what comes first is least."""
     if not any(case.geometry for case in cases):
         return {"nothing": 1.0}
-    shares = dict(AS_STATED)
-    if cases[0].model.geometry.common_zero:  # not towers
-        shares["directions"] += math.fsum(shares.pop(stated) for stated in FIRMWARE)
     if not any(case.radius_mm for case in cases):
-        return shares
-    measured = {stated: (1.0 - TYPED_IN) * share for stated, share in shares.items()}
+        return AS_STATED
+    measured = {s: (1.0 - TYPED_IN) * share for s, share in AS_STATED.items()}
     return {"nothing": TYPED_IN, "radius": measured.pop("nothing"), **measured}
 
 

@@ -104,7 +104,5 @@ def test_a_bowed_plate_makes_no_export_worse_than_the_best_peer(
         np.sqrt(np.mean([getattr(result, export) ** 2 for result in results]))
         for export in ("ours", "six", "nine")
     )
-    assert ours <= 1.02 * min(six, nine), "of three printers; 1.004 was seen, a tie"
-    kept = sum(result.touched <= result.bound for result in results)
-    missed = int("dome" in plate)  # three times as bowed as stated: docs/benchmarks.md
-    assert kept >= len(results) - missed
+    assert ours <= min(six, nine)
+    assert all(result.touched <= result.bound for result in results)

@@ -31,7 +31,7 @@ from calib.tripod.effects.effect import (
     travel_mm,
     wave_mm,
 )
-from calib.tripod.geometry import MOST_ALIKE, Geometry
+from calib.tripod.geometry import Geometry
 from calib.tripod.movements import last_movement
 from calib.tripod.pipeline import Stage
 
@@ -263,20 +263,17 @@ def geometry_tolerances(
     """Parameters of the drives' lines, laws at places, with the standard deviation of each.
 
     Of each drive where its line lies across itself, how it leans, and what its travel is off by; 0:
-    a part that is as stated. Where legs are read these see differences of two drives. Of parallel
-    drives the last stands in its direction: the turn of the machine about them is measured from
-    there, by firmware of printers, too, and no reading shows another.
+    a part that is as stated. Where legs are read these see differences of two drives.
     """
     of_two = math.sqrt(2.0)
     across = tuple(geometry.across)
-    is_parallel = (geometry.directions @ geometry.directions.T).min() > MOST_ALIKE
     laws: tuple[tuple[Effect, tuple[str, ...], float], ...] = (
         (AxisDistance(), AROUND, of_two * across_mm),
         (AxisSquareness(), PAIRS, of_two * lean_mrad),
     )
     if not geometry.common_zero:
         laws = (
-            (AxisOffset(across), across[:-1] if is_parallel else across, across_mm),
+            (AxisOffset(across), across, across_mm),
             (AxisLean(across), across, lean_mrad),
         )
     laws = (*laws, (ActuatorScale(), LEG_NAMES, scale_mm_m))

@@ -38,7 +38,8 @@ PLAUSIBLE = 1e-2
 """From this p-value on another way of reading a posture explains it."""
 
 FRAME_MOST = 1e-3
-"""A frame that was laid over leaves no more of the squares of what had been off."""
+"""A frame that was laid over leaves no more of the squares of what had been off, nor of those of
+the way that places are apart: in another unit they are far off, and hardly apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +207,8 @@ def other_frame(readings: Readings, machine: HexaSlide) -> OtherFrame | None:
     mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(left_vectors @ right))])
     turn = right.T @ mirror @ left_vectors.T
     remainder = places @ turn.T + (centre - turn @ far) - expected
-    if (remainder**2).sum() > FRAME_MOST * ((places - expected) ** 2).sum():
+    squares = [(part**2).sum() for part in (remainder, places - expected, expected - centre)]
+    if squares[0] > FRAME_MOST * min(squares[1:]):
         return None
     cosine = (np.trace(turn) - 1.0) / 2.0
     shift = far - turn.T @ centre

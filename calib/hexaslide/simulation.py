@@ -10,7 +10,7 @@ from calib.arrays import FloatArray
 from calib.errors import CalibrationError
 from calib.hexaslide.geometry import Box, ConstraintLink, HexaSlide, inverse, present, rotation
 from calib.hexaslide.procedures import ANGLES, Procedure, ProcedureKind
-from calib.hexaslide.residuals import Readings, read_at, standing
+from calib.hexaslide.residuals import Readings, read_at, standing, stretch
 
 MOST_ROUNDS = 50
 
@@ -160,15 +160,19 @@ def on_link(machine: HexaSlide, postures: FloatArray) -> FloatArray:
 
     Raises CalibrationError naming the first that it cannot hold inside the box.
     """
-    link = present(machine.link)
+    box, link = machine.box, present(machine.link)
     for number, posture in enumerate(postures, start=1):
-        if not len(_held(machine.box, link, posture[None], np.zeros(1))):
+        if not len(_held(box, link, posture[None], np.zeros(1))):
+            ends = np.tile(posture, (2, 1))
+            ends[:, 2] = box.lower[2], box.upper[2]
+            least, greatest = np.sort(1000.0 * (link.length_m - stretch(link, ends)))
             raise CalibrationError(
                 f"posture {number}",
-                "none that the link allows inside the box",
-                "postures whose ends can be as far apart as the link is long",
+                f"a constraint link of {1000.0 * link.length_m:g} mm",
+                f"{least:.1f} to {greatest:.1f} mm there, between the lower and the upper end of "
+                "the box",
             )
-    return _held(machine.box, link, postures, np.zeros(len(postures)))
+    return _held(box, link, postures, np.zeros(len(postures)))
 
 
 def _on_link(

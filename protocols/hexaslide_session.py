@@ -147,7 +147,8 @@ def commands(machine: HexaSlideMachine, procedure: PostureProcedure) -> PostureC
             f"procedure {procedure.name}, {problem.thing}",
             problem.found,
             problem.allowed,
-            "Correct the machine file, or give postures of this machine with --posture-file.",
+            "Give postures of this machine with --posture-file: glidecal postures finds them, with "
+            "a constraint link --space link.",
         ) from problem
     return PostureCommands(procedure.with_postures(postures), 1000.0 * sliders)
 

@@ -99,7 +99,7 @@ class HexaSlidePosturesReport(Report):
     published_criteria: Observability = of(lambda r: r.found)
     start_published_criteria: Observability = of(lambda r: r.start)
     units: str = of(lambda r: r.units)
-    space: Literal["box", "joints"] = of(lambda r: r.space, "where the search moved")
+    space: Literal["box", "joints", "link"] = of(lambda r: r.space, "where the search moved")
     postures: tuple[dict[str, float], ...] = of(lambda r: r.postures)
     coordinates_on_bound: int = of(lambda r: r.refined.on_bound)
     start_coordinates_on_bound: int = of(lambda r: r.start_on_bound)

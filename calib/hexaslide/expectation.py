@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -111,15 +111,12 @@ class Expectation:
         Raises UnreachablePosture, CalibrationError for a posture that this machine has not.
         """
         new = replace(readings, procedure=self.procedure)
-        learnt = self._learnt
+        machine, off, learnt = self._machine, self._off, self._learnt
+        postures = np.concatenate([self._stood, postures_of(new, machine)])
         if learnt is not None:
             sliders = np.concatenate([learnt.sliders, new.sliders])
-            new = replace(
-                new, sliders=sliders, measured=np.concatenate([learnt.measured, new.measured])
-            )
-        machine, off = self._machine, self._off
-        fresh = replace(readings, procedure=self.procedure)
-        postures = np.concatenate([self._stood, postures_of(fresh, machine)])
+            measured = np.concatenate([learnt.measured, new.measured])
+            new = replace(new, sliders=sliders, measured=measured)
         for _ in range(STEPS):
             postures = postures_of(new, machine, postures)
             residual, slopes = residuals(new, machine, postures)
@@ -148,20 +145,23 @@ def other_ways(readings: Readings) -> Iterator[tuple[str, Readings]]:
     """The first posture as it would be after one mistake of who measured, with its words."""
     first = _first(readings)
     names = first.procedure.measured
-    for i in range(CHAINS):
-        for j in range(i + 1, CHAINS):
-            sliders = first.sliders.copy()
-            sliders[:, [i, j]] = sliders[:, [j, i]]
-            yield f"sliders {i + 1} and {j + 1} exchanged", replace(first, sliders=sliders)
+    for i, j in combinations(range(CHAINS), 2):
+        sliders = _exchanged(first.sliders, i, j)
+        yield f"sliders {i + 1} and {j + 1} exchanged", replace(first, sliders=sliders)
     for k, name in enumerate(names):
         flipped = first.measured.copy()
         flipped[:, k] *= -1.0
         yield f"{name} with the other sign", replace(first, measured=flipped)
         for m in range(k + 1, len(names)):
             if (name in ANGLES) == (names[m] in ANGLES):
-                swapped = first.measured.copy()
-                swapped[:, [k, m]] = swapped[:, [m, k]]
+                swapped = _exchanged(first.measured, k, m)
                 yield f"{name} and {names[m]} exchanged", replace(first, measured=swapped)
+
+
+def _exchanged(values: FloatArray, i: int, j: int) -> FloatArray:
+    order = np.arange(values.shape[1])
+    order[[i, j]] = j, i
+    return np.asarray(values[:, order])
 
 
 def explanations(

@@ -38,7 +38,7 @@ from calib.hexaslide.procedures import (
     joint_radius,
     looseness,
 )
-from calib.hexaslide.simulation import between, lifted, on_link, random_on_link
+from calib.hexaslide.simulation import between, link_postures, on_link, random_on_link
 
 SHARPNESS = (8.0, 32.0, 128.0, 512.0, 2048.0)
 """Criteria of single singular values are made smooth, less and less. On the bare condition number
@@ -281,7 +281,7 @@ class LinkSpace(Space):
 
     def postures(self, coordinates: FloatArray) -> FloatArray:
         """In the box or beyond its z, which is NaN where the link reaches nowhere."""
-        return lifted(self.machine, coordinates)
+        return link_postures(self.machine, coordinates)
 
     def rows(self, coordinates: FloatArray) -> tuple[FloatArray, Pull]:
         """As `calib.design.refinement.RowsAndPull`. Raises UnreachablePosture."""

@@ -9,11 +9,17 @@ from numpy.typing import NDArray
 
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError
-from calib.hexaslide.geometry import Box, HexaSlide, inverse, present, rotation
+from calib.hexaslide.geometry import (
+    MOST_DRAWN,
+    Box,
+    HexaSlide,
+    first_of_draws,
+    inverse,
+    present,
+    rotation,
+)
 from calib.hexaslide.procedures import ANGLES, Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings, read_at, standing, stretch
-
-MOST_ROUNDS = 50
 
 MOST_ERROR = 0.02
 """Of a simulated machine where no tolerance is known, metres or radians."""
@@ -84,7 +90,7 @@ def measure(
     of sliders are exact. Raises UnreachablePosture, and CalibrationError where the link's sphere
     misses the box.
     """
-    if procedure.kind is ProcedureKind.CONSTRAINT_LINK and not procedure.reads_length:
+    if procedure.has_rigid_link:
         if isinstance(postures, int):
             reached = random_on_link(truth, postures, generator, length_noise_m)
         else:
@@ -151,7 +157,7 @@ class SimulatedHexaSlide:
         generator = np.random.default_rng([self.seed, number, attempt])
         length_m, angle_rad = noise.tolist()
         procedure, commanded = self.procedure, posture[None]
-        if procedure.kind is ProcedureKind.CONSTRAINT_LINK and not procedure.reads_length:
+        if procedure.has_rigid_link:
             reached = on_link(self.truth, commanded, length_m * generator.standard_normal(1))
             sliders = np.asarray(inverse(self.truth.geometry, reached))[0]
         else:
@@ -160,7 +166,7 @@ class SimulatedHexaSlide:
         return sliders, values[0]
 
 
-def lifted(
+def link_postures(
     machine: HexaSlide, postures: FloatArray, play_m: FloatArray | float = 0.0
 ) -> FloatArray:
     """Postures ``(p, 6)`` lifted or lowered until the ends of the constraint link are as far apart
@@ -185,10 +191,10 @@ def between(box: Box, postures: FloatArray) -> NDArray[np.bool_]:
 def on_link(
     machine: HexaSlide, postures: FloatArray, play_m: FloatArray | float = 0.0
 ) -> FloatArray:
-    """`lifted`. Raises CalibrationError naming the first that the link cannot hold inside the box,
-    and the lengths with which it could.
+    """`link_postures`. Raises CalibrationError naming the first that the link cannot hold inside
+    the box, and the lengths with which it could.
     """
-    held, box, link = lifted(machine, postures, play_m), machine.box, present(machine.link)
+    held, box, link = link_postures(machine, postures, play_m), machine.box, present(machine.link)
     outside = np.flatnonzero(~between(box, held))
     if len(outside):
         ends = np.tile(postures[outside[0]], (2, 1))
@@ -209,16 +215,18 @@ def random_on_link(
     """Random postures ``(count, 6)`` of the box that the link holds, its play normal with this
     standard deviation. Raises CalibrationError where hardly any is.
     """
-    postures = np.zeros((0, 6))
-    for _ in range(MOST_ROUNDS):
+
+    def draw() -> FloatArray:
         play = play_m * generator.standard_normal(count)
-        held = lifted(machine, machine.box.random(count, generator), play)
-        postures = np.vstack([postures, held[between(machine.box, held)]])
-        if len(postures) >= count:
-            return postures[:count]
-    raise CalibrationError(
-        "constraint link",
-        f"a length of {present(machine.link).length_m:g} m that {len(postures)} of "
-        f"{MOST_ROUNDS * count} random postures keep",
-        "ends and a length that let the platform move in the box",
-    )
+        held = link_postures(machine, machine.box.random(count, generator), play)
+        return np.asarray(held[between(machine.box, held)])
+
+    postures = first_of_draws(draw, count)
+    if len(postures) < count:
+        raise CalibrationError(
+            "constraint link",
+            f"a length of {present(machine.link).length_m:g} m that {len(postures)} of "
+            f"{MOST_DRAWN * count} random postures keep",
+            "ends and a length that let the platform move in the box",
+        )
+    return postures

@@ -161,9 +161,7 @@ def _noise(solved: CalibratedMachine) -> MeasuringNoiseEntry:
 
 def _lack_of_fit(solved: CalibratedMachine) -> LackOfFitEntry:
     """Variance that is left by the stated one."""
-    if solved.p_value is None:
-        return LackOfFitEntry()
-    return LackOfFitEntry(statistic=solved.found.lack_of_fit, p_value=solved.p_value)
+    return LackOfFitEntry(statistic=solved.found.lack_of_fit, p_value=solved.found.p_value)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Self
 from calib.arrays import LEG_NAMES, FloatArray, Observations
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.noise.reading import IndicatorFigures, Noise
-from calib.posterior.cells import HOMING_MM, Cells, SessionCase
+from calib.posterior.cells import FINEST_MM, HOMING_MM, Cells, SessionCase
 from calib.posterior.correction import (
     HOLDS,
     Correction,
@@ -394,7 +394,7 @@ def _noise_of(cells: Cells) -> Noise | None:
     """Of a session. Errors that follow each other are larger than their repeats show."""
     if cells.noise is None or not cells.serial:
         return cells.noise
-    shown_mm2 = cells.noise.repeatability_mm2(cells.visited)
+    shown_mm2 = cells.noise.repeatability_mm2(cells.visited).clip(FINEST_MM**2)
     return cells.noise.scattering(float(cells.scatter_mm2.sum() / shown_mm2.sum()))
 
 

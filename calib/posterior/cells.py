@@ -71,6 +71,12 @@ ALIKE = 0.8
 tenths, and single towers by half of that."""
 
 
+ROUND_GUESSED = 0.4
+"""Of a radius that may be a guess so much is where each tower stands round the plate: the frame
+gives that, while a radius is less what carriage and platform take up. Ten measured heights of a
+printer put two of its towers 3 and 4 mm round the plate (docs/benchmarks.md)."""
+
+
 def is_radial(law: Effect, place: str) -> bool:
     """Whether a parameter is how far a tower stands from the middle."""
     return law.id == AxisOffset.id and place[-1] == "r"
@@ -119,8 +125,8 @@ class SessionCase:
     readings tell no noise, that of ``others`` holds: of sessions with the same indicators. Effects
     of the model that are ``free``, laws at places, have other sizes than it states. ``geometry``
     are parameters of the drives' lines, laws at places, with their standard deviations;
-    ``radius_mm`` is that of the radius of all towers, and of where each stands round the plate, if
-    these may be a guess. What is ``as_stated`` is as the model has it, but for what has a name.
+    ``radius_mm`` is that of the radius of all towers, where it may be a guess; each then stands
+    elsewhere round the plate, too (`ROUND_GUESSED`). What is ``as_stated`` is as the model has it, but for what has a name.
     Joint offsets of sessions of the same ``state`` of the machine differ by what was
     ``entered_mm`` and by what homing changes, ``homing_mm``; None: they are no other session's.
     ``distances`` between marks were measured beside the readings.
@@ -195,8 +201,11 @@ class SessionCase:
         """Parameters of geometry that every model has free about 0; adopted ones have a size."""
         ids = FREE_LAWS[self.as_stated]
         radius_mm = self.radius_mm if self.as_stated == "nothing" else 0.0
+        guessed_mm = {True: radius_mm, False: ROUND_GUESSED * radius_mm}
         return {
-            (law, place): math.hypot(size, radius_mm) if law.id == AxisOffset.id else size
+            (law, place): math.hypot(size, guessed_mm[is_radial(law, place)])
+            if law.id == AxisOffset.id
+            else size
             for (law, place), size in self.geometry.items()
             if law.id in ids
             and (law, place) not in self.free

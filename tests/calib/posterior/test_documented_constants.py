@@ -78,6 +78,7 @@ CASES = [f"{prior:g}" for prior in CAUSES.round(12)]
         f"{AS_STATED['lines']:g}, all but the bars; "
         f"{AS_STATED['lines and bars']:g}, also the bars.",
         f"these have {1.0 - TYPED_IN:g} of the prior.",
+        f"each round the plate by {cells.ROUND_GUESSED:g} times that.",
         f"the best {race.PAIRS} pairs at all scales, "
         f"and every third component beside the {race.TRIPLES_FROM} heaviest pairs. "
         f"Models below $10^{{{math.log10(race.LIGHTEST):.0f}}}$ are dropped.",

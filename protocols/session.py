@@ -433,8 +433,8 @@ class Session(Tabled):
     ``readings`` are those that count, in the order taken; ``superseded`` maps the numbers of the
     others to the reason, ``restored`` the numbers of those that count again, ``skipped`` the
     numbers of the steps that are left out; ``notes`` are the remarks made on the way,
-    ``distances`` those between marks since the last change of the machine. ``name`` and
-    ``digest`` are those of its record, empty where it has none.
+    ``distances`` those between marks since the last change of the machine. A ``closed`` one is not
+    continued. ``name`` and ``digest`` are those of its record, empty where it has none.
     """
 
     opened: Opened
@@ -448,6 +448,7 @@ class Session(Tabled):
     notes: tuple[str, ...] = ()
     changes: tuple[Changed, ...] = ()
     distances: tuple[Distance, ...] = ()
+    closed: bool = False
     name: str = ""
     digest: str = ""
 
@@ -619,6 +620,7 @@ def fold(events: Iterable[Event]) -> Session:
         tuple(notes),
         tuple(changes),
         _distances(every),
+        closed=isinstance(every[-1], Closed),
     )
 
 

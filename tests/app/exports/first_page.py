@@ -20,7 +20,7 @@ from app.exports import export_offsets
 from app.report.text.glance import glance_text
 from protocols.machine import load_machine, machine_text
 from tests.app.cli import glidecal
-from tests.app.exports.test_towers import comments
+from tests.app.exports.upright_towers import comments
 from tests.app.report.certificates import report_of
 from tests.blind.printers import RINGS, any_printer, contacts, machine
 

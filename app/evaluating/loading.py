@@ -7,8 +7,9 @@ from datetime import datetime
 from pathlib import Path
 
 from calib.errors import RecordError
+from protocols.dates import measured_at
 from protocols.record import Record, read_record
-from protocols.session import Session, measured_at
+from protocols.session import Session
 from protocols.table import off_bar_words
 
 

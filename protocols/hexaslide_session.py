@@ -148,14 +148,10 @@ def commands(machine: HexaSlideMachine, procedure: PostureProcedure) -> PostureC
             f"procedure {procedure.name}, {problem.thing}",
             problem.found,
             problem.allowed,
-            "Give postures of this machine with --posture-file; glidecal postures finds them.",
+            "Give postures of this machine with --posture-file: glidecal postures finds them, with "
+            "a constraint link --space link.",
         ) from problem
     return PostureCommands(procedure.with_postures(postures), 1000.0 * sliders)
-
-
-def holds(procedure: Procedure) -> bool:
-    """Whether a rigid link holds the platform, so that the sliders themselves are what is read."""
-    return procedure.kind is ProcedureKind.CONSTRAINT_LINK and not procedure.reads_length
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +171,7 @@ def typed_values(text: str, procedure: Procedure) -> tuple[SixMm | None, Values]
 
     Raises UsageError for anything but so many numbers.
     """
-    sliders = CHAINS if holds(procedure) else 0
+    sliders = CHAINS if procedure.has_rigid_link else 0
     names = [*(f"slider {k}" for k in range(1, sliders + 1)), *procedure.measured]
     words = text.split()
     units = "mm, angles in degrees" if set(procedure.measured) & set(ANGLES) else "mm"
@@ -240,7 +236,7 @@ class SimulatedPostures:
         sliders, values = self._machine.read(where, target_m, posture, attempt, self._noise)
         angular = np.array([name in ANGLES for name in procedure.measured], dtype=bool)
         values_shown = np.where(angular, np.degrees(values), 1000.0 * values)
-        numbers = [*(1000.0 * sliders if holds(procedure) else []), *values_shown]
+        numbers = [*(1000.0 * sliders if procedure.has_rigid_link else []), *values_shown]
         return " ".join(f"{number:.5f}" for number in numbers)
 
 

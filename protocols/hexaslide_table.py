@@ -29,7 +29,6 @@ from protocols.hexaslide_session import (
     PostureReading,
     SixMm,
     Values,
-    holds,
 )
 
 SLIDERS = tuple(f"slider{chain}" for chain in range(1, CHAINS + 1))
@@ -53,7 +52,7 @@ def empty_table(planned: PostureCommands) -> str:
     for number in range(1, len(planned.procedure.postures) + 1):
         cells = (
             [""] * CHAINS
-            if holds(procedure)
+            if procedure.has_rigid_link
             else [f"{slider_mm:.4f}" for slider_mm in planned.of(number)]
         )
         rows.append([str(number), *cells, *[""] * len(names)])

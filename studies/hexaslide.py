@@ -27,7 +27,7 @@ from calib.hexaslide.planning import (
     sensitivity,
 )
 from calib.hexaslide.procedures import ProcedureKind
-from calib.hexaslide.search import BestPostures, Search, best_postures
+from calib.hexaslide.search import BestPostures, Search, SearchSpace, best_postures
 from protocols.hexaslide import load_hexaslide
 from studies import THREADS, tables
 
@@ -104,15 +104,15 @@ def study(request: Request, effort: Effort) -> Studied:
     # a link has the most postures and the slowest search
     starts = effort.joint_starts if kind is not ProcedureKind.CONSTRAINT_LINK else 0
     in_box = searched(view, view.fewest, starts) if starts else best
-    in_joints = searched(view, view.fewest, starts, in_joints=True) if starts else None
+    in_joints = searched(view, view.fewest, starts, space="joints") if starts else None
     return Studied(view, random, few_random, best, few, in_box, in_joints)
 
 
 def searched(
-    view: HexaSlideSeen, count: int, starts: int, *, few: bool = False, in_joints: bool = False
+    view: HexaSlideSeen, count: int, starts: int, *, few: bool = False, space: SearchSpace = "box"
 ) -> BestPostures:
     """As ``glidecal postures hexaslide --criterion condition``."""
-    search = Search(seed=SEED, starts=starts, few=few, in_joints=in_joints)
+    search = Search(seed=SEED, starts=starts, few=few, space=space)
     return best_postures(view.procedure, view.machine, count, search)
 
 

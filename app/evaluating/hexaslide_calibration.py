@@ -64,7 +64,7 @@ class CalibratedMachine(Checked):
     @property
     def fits(self) -> bool:
         """Whether what is left may be noise, by `LACK_OF_FIT_LEVEL`; also where none is stated."""
-        return self.p_value is None or self.p_value >= LACK_OF_FIT_LEVEL
+        return self.found.p_value is None or self.found.p_value >= LACK_OF_FIT_LEVEL
 
 
 def calibrate_file(

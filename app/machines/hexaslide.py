@@ -166,8 +166,11 @@ class PostureOptions:
         bool, typer.Option("--as-is", help="Only judge the --posture-file, move nothing.")
     ] = False
     space: Annotated[
-        Literal["box", "joints"],
-        typer.Option(help="Hexa Slide: where to search: box, or joints: all that the rails allow."),
+        Literal["box", "joints", "link"],
+        typer.Option(
+            help="Hexa Slide: where to search: box, joints (all that the rails allow), or link "
+            "(what the constraint link allows)."
+        ),
     ] = "box"
     scaled: Annotated[
         bool, typer.Option("--scaled", help="Hexa Slide: a criterion that no unit changes.")
@@ -199,7 +202,7 @@ def postures(
     search_wanted = Search(
         search.criterion,
         starts=search.starts,
-        in_joints=options.space == "joints",
+        space=options.space,
         scaled=options.scaled,
         few=options.few,
     )

@@ -27,7 +27,6 @@ from protocols.hexaslide_session import (
     SixMm,
     commands,
     fold_postures,
-    holds,
     typed_values,
 )
 from protocols.hexaslide_table import readings_of_table
@@ -67,7 +66,7 @@ class PosturePlan:
                 f"procedure {self.procedure.name}",
                 "no postures",
                 "some in the file, or --posture-file",
-                "glidecal postures finds them.",
+                "glidecal postures finds them, with a constraint link --space link.",
             )
         return commands(self.machine, self.procedure)
 
@@ -167,7 +166,7 @@ class PostureTaking:
             self.asked.of(number),
             procedure.postures[number - 1],
             procedure.attach,
-            holds(procedure.whole()),
+            procedure.whole().has_rigid_link,
             procedure.whole().measured,
         )
 
@@ -247,7 +246,7 @@ class PostureTaking:
             other_readings = [
                 (f"the platform in posture {number}", row)
                 for number, row in enumerate(sliders_m, start=1)
-                if number != reading.posture and not holds(self.asked.procedure.whole())
+                if number != reading.posture and not self.asked.procedure.whole().has_rigid_link
             ]
             return PostureDoubt(
                 reading, departure, explanations(self._expectation, only, other_readings)

@@ -27,6 +27,7 @@ from calib.diagnosis.thresholds import AGREED, OPEN, SURE
 from calib.errors import NotIdentifiable
 from calib.hexaslide.calibration import Calibration, calibrate
 from calib.hexaslide.derivatives import jacobian
+from calib.hexaslide.expectation import UNKNOWN
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings, postures_of, residuals
@@ -37,9 +38,6 @@ from calib.stats import UNLIKELY, variance_ratio_p_value
 
 FEWEST_SPARE = 8
 """Readings beyond the parameters that they determine: fewer tell no cause from another."""
-
-UNKNOWN = 10.0
-"""Standard deviation of a parameter without tolerance, metres or radians."""
 
 Names = tuple[tuple[str, str], ...]
 """Ids of causes with their places, sorted."""

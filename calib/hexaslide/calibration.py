@@ -14,6 +14,7 @@ from calib.arrays import EXACT_BLIND, FloatArray, condition, named_inside, names
 from calib.errors import CalibrationError, NotIdentifiable
 from calib.hexaslide.geometry import HexaSlide, forward_near, motions
 from calib.hexaslide.residuals import Readings, Residuals, postures_of, residuals, whitening
+from calib.stats import coverage_factor, variance_ratio_p_value
 
 MOST_STEPS = 12
 MOST_HALVINGS = 12
@@ -66,6 +67,17 @@ class Calibration:
         if self.square_sum is None or not self.free_values:
             return None
         return self.square_sum / self.free_values
+
+    @property
+    def p_value(self) -> float | None:
+        """Chance of so much or more by noise alone."""
+        ratio = self.lack_of_fit
+        return None if ratio is None else variance_ratio_p_value(ratio, self.free_values, np.inf)
+
+    @property
+    def factor(self) -> float | None:
+        """Coverage factor of 95 %; None without covariance."""
+        return None if self.covariance is None else coverage_factor(self.degrees_of_freedom)
 
 
 @dataclass(frozen=True, eq=False)

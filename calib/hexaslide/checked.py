@@ -7,7 +7,8 @@ all that belongs to it, measures the same where these are not seen. That is no e
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,6 @@ from calib.hexaslide.geometry import (
 )
 from calib.hexaslide.planning import fewest_postures
 from calib.hexaslide.residuals import Readings, Residuals, shares
-from calib.stats import coverage_factor, variance_ratio_p_value
 
 SPARE = 1.5
 """A fit keeps so many times the fewest postures before any is kept out of it."""
@@ -35,7 +35,7 @@ SPARE = 1.5
 ROUNDS = 6
 """Each squares what is left: from hundredths to rounding."""
 
-PAIRS = tuple((i, j) for i in range(6) for j in range(i + 1, 6))
+PAIRS = tuple(combinations(range(6), 2))
 
 STEP = 1e-30
 """Complex step: nothing is subtracted, so it may be as small as numbers go."""
@@ -125,17 +125,16 @@ def lengths_alone(calibrated: Calibration) -> Known:
 
 
 def _by_noise(calibrated: Calibration, slopes: FloatArray, values: FloatArray) -> Known:
-    if calibrated.covariance is None:
+    if calibrated.covariance is None or calibrated.factor is None:
         return Known(values, None, None)
     standard = np.sqrt(((slopes @ calibrated.covariance) * slopes).sum(axis=1))
-    return Known(values, standard, coverage_factor(calibrated.degrees_of_freedom) * standard)
+    return Known(values, standard, calibrated.factor * standard)
 
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """A calibration with its checks. ``factor`` is the coverage factor of 95 %; ``p_value`` None
-    where no noise is stated. ``by_column`` and ``by_posture`` share what is left; ``numbers`` are
-    the fitted postures.
+    """A calibration with its checks. ``by_column`` and ``by_posture`` share what is left;
+    ``numbers`` are the fitted postures.
     """
 
     start: FloatArray
@@ -144,17 +143,8 @@ class Checked:
     numbers: tuple[int, ...]
     by_column: FloatArray
     by_posture: FloatArray
-    factor: float | None
-    p_value: float | None
     held_out: HeldOut | None
     truth: AgainstTruth | None
-
-    @property
-    def uncertainty(self) -> FloatArray | None:
-        """Standard uncertainty ``(k,)``; it means something for the individually known only."""
-        if self.found.covariance is None:
-            return None
-        return np.asarray(np.sqrt(self.found.covariance.diagonal()))
 
 
 def checked_calibration(
@@ -166,36 +156,25 @@ def checked_calibration(
     """
     fewest = fewest_postures(readings.procedure, nominal)
     out = check_postures(len(readings.sliders), fewest, share)
-    fitted = readings.take(~out)
+    fitted, checked, held_out = readings.take(~out), readings, None
     calibrated = calibrate(fitted, nominal, fewest=fewest)
     by_column, by_posture = shares(fitted, calibrated.machine.geometry, calibrated.after)
-    checked = readings.take(out) if out.any() else None
-    p_value, free = None, calibrated.free_values
-    if calibrated.square_sum is not None and free:
-        p_value = variance_ratio_p_value(calibrated.square_sum / free, free, np.inf)
-    result = Checked(
+    if out.any():
+        checked = readings.take(out)
+        left = (residuals_of(checked, machine) for machine in (nominal, calibrated.machine))
+        held_out = HeldOut(checked.numbers, *left)
+    return Checked(
         start=nominal.parameters(calibrated.names),
         found=calibrated,
         fewest=fewest,
         numbers=fitted.numbers,
         by_column=by_column,
         by_posture=by_posture,
-        factor=None
-        if calibrated.covariance is None
-        else coverage_factor(calibrated.degrees_of_freedom),
-        p_value=p_value,
-        held_out=None,
-        truth=None,
+        held_out=held_out,
+        truth=None
+        if true is None
+        else _against(calibrated, checked, nominal, true, kept_out=held_out is not None),
     )
-    if checked is not None:
-        before, after = (
-            residuals_of(checked, machine) for machine in (nominal, calibrated.machine)
-        )
-        result = replace(result, held_out=HeldOut(checked.numbers, before, after))
-    if true is None:
-        return result
-    against = _against(result, checked or readings, nominal, true, kept_out=checked is not None)
-    return replace(result, truth=against)
 
 
 def check_postures(count: int, fewest: int, share: float) -> NDArray[np.bool_]:
@@ -209,26 +188,29 @@ def check_postures(count: int, fewest: int, share: float) -> NDArray[np.bool_]:
 
 
 def _against(
-    result: Checked, readings: Readings, nominal: HexaSlide, true: HexaSlide, *, kept_out: bool
+    calibrated: Calibration,
+    readings: Readings,
+    nominal: HexaSlide,
+    true: HexaSlide,
+    *,
+    kept_out: bool,
 ) -> AgainstTruth:
     """Everything that is known better than the measurements tell."""
-    calibrated, sliders = result.found, readings.sliders
+    sliders = readings.sliders
     stand = [
         np.asarray(forward(machine.geometry, sliders, machine.box))
         for machine in (nominal, calibrated.machine, true)
     ]
     numbers = [calibrated.names.index(name) for name in calibrated.known]
     misses = (calibrated.parameters - true.parameters(calibrated.names))[numbers]
-    within = None
-    if result.uncertainty is not None and result.factor is not None:
-        within = int((np.abs(misses) <= result.factor * result.uncertainty[numbers]).sum())
+    expanded = parameters_alone(calibrated).expanded
     lengths = inner_lengths(calibrated.machine.geometry) - inner_lengths(true.geometry)
     return AgainstTruth(
         kept_out=kept_out,
         before=frames_apart(stand[0], stand[2], calibrated.unidentifiable),
         after=frames_apart(stand[1], stand[2], calibrated.unidentifiable),
         misses=misses,
-        within=within,
+        within=None if expanded is None else int((np.abs(misses) <= expanded[numbers]).sum()),
         inner_m=np.asarray(lengths),
     )
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -38,7 +38,8 @@ PLAUSIBLE = 1e-2
 """From this p-value on another way of reading a posture explains it."""
 
 FRAME_MOST = 1e-3
-"""A frame that was laid over leaves no more of the squares of what had been off."""
+"""A frame that was laid over leaves no more of the squares of what had been off, nor of those of
+the way that places are apart: in another unit they are far off, and hardly apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,15 +111,12 @@ class Expectation:
         Raises UnreachablePosture, CalibrationError for a posture that this machine has not.
         """
         new = replace(readings, procedure=self.procedure)
-        learnt = self._learnt
+        machine, off, learnt = self._machine, self._off, self._learnt
+        postures = np.concatenate([self._stood, postures_of(new, machine)])
         if learnt is not None:
             sliders = np.concatenate([learnt.sliders, new.sliders])
-            new = replace(
-                new, sliders=sliders, measured=np.concatenate([learnt.measured, new.measured])
-            )
-        machine, off = self._machine, self._off
-        fresh = replace(readings, procedure=self.procedure)
-        postures = np.concatenate([self._stood, postures_of(fresh, machine)])
+            measured = np.concatenate([learnt.measured, new.measured])
+            new = replace(new, sliders=sliders, measured=measured)
         for _ in range(STEPS):
             postures = postures_of(new, machine, postures)
             residual, slopes = residuals(new, machine, postures)
@@ -147,20 +145,23 @@ def other_ways(readings: Readings) -> Iterator[tuple[str, Readings]]:
     """The first posture as it would be after one mistake of who measured, with its words."""
     first = _first(readings)
     names = first.procedure.measured
-    for i in range(CHAINS):
-        for j in range(i + 1, CHAINS):
-            sliders = first.sliders.copy()
-            sliders[:, [i, j]] = sliders[:, [j, i]]
-            yield f"sliders {i + 1} and {j + 1} exchanged", replace(first, sliders=sliders)
+    for i, j in combinations(range(CHAINS), 2):
+        sliders = _exchanged(first.sliders, i, j)
+        yield f"sliders {i + 1} and {j + 1} exchanged", replace(first, sliders=sliders)
     for k, name in enumerate(names):
         flipped = first.measured.copy()
         flipped[:, k] *= -1.0
         yield f"{name} with the other sign", replace(first, measured=flipped)
         for m in range(k + 1, len(names)):
             if (name in ANGLES) == (names[m] in ANGLES):
-                swapped = first.measured.copy()
-                swapped[:, [k, m]] = swapped[:, [m, k]]
+                swapped = _exchanged(first.measured, k, m)
                 yield f"{name} and {names[m]} exchanged", replace(first, measured=swapped)
+
+
+def _exchanged(values: FloatArray, i: int, j: int) -> FloatArray:
+    order = np.arange(values.shape[1])
+    order[[i, j]] = j, i
+    return np.asarray(values[:, order])
 
 
 def explanations(
@@ -206,7 +207,8 @@ def other_frame(readings: Readings, machine: HexaSlide) -> OtherFrame | None:
     mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(left_vectors @ right))])
     turn = right.T @ mirror @ left_vectors.T
     remainder = places @ turn.T + (centre - turn @ far) - expected
-    if (remainder**2).sum() > FRAME_MOST * ((places - expected) ** 2).sum():
+    squares = [(part**2).sum() for part in (remainder, places - expected, expected - centre)]
+    if squares[0] > FRAME_MOST * min(squares[1:]):
         return None
     cosine = (np.trace(turn) - 1.0) / 2.0
     shift = far - turn.T @ centre

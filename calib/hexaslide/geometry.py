@@ -5,6 +5,7 @@ Its legs may also be telescopic, between joints that stand still: then nothing m
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -177,6 +178,19 @@ class Box:
 MOST_DRAWN = 50
 """Times as many postures are drawn at most to find those that are wanted."""
 
+
+def first_of_draws(draw: Callable[[], FloatArray], count: int) -> FloatArray:
+    """The first ``count`` postures of as many draws ``(k, 6)`` as are needed, fewer where
+    `MOST_DRAWN` draws have fewer.
+    """
+    postures = np.zeros((0, 6))
+    for _ in range(MOST_DRAWN):
+        postures = np.concatenate([postures, draw()])
+        if len(postures) >= count:
+            break
+    return postures[:count]
+
+
 COORDINATES = ("x_m", "y_m", "z_m", "theta_deg", "psi_deg", "phi_deg")
 """Names of a posture's coordinates where a person reads them."""
 
@@ -275,24 +289,25 @@ class HexaSlide:
 
         Raises CalibrationError where that is too little.
         """
-        postures, drawn = np.zeros((0, 6)), 0
-        while len(postures) < count and drawn < MOST_DRAWN * count:
+
+        def draw() -> FloatArray:
             candidates = self.box.random(count, generator)
-            reached = self.within(inverse(self.geometry, candidates)).all(axis=1)
-            postures, drawn = np.concatenate([postures, candidates[reached]]), drawn + count
+            return candidates[self.within(inverse(self.geometry, candidates)).all(axis=1)]
+
+        postures = first_of_draws(draw, count)
         if len(postures) < count:
             sliders = inverse(self.geometry, self.box.grid())
             chain = int((~self.within(sliders)).sum(axis=0).argmax())
             low, high = sliders[:, chain].min(), sliders[:, chain].max()
             raise CalibrationError(
                 "travel of the sliders",
-                f"rails that reach {len(postures)} of {drawn} random postures of the box; all "
-                "of it "
-                f"takes {1000.0 * low:.0f} to {1000.0 * high:.0f} mm of chain {chain + 1}",
+                f"rails that reach {len(postures)} of {MOST_DRAWN * count} random postures of the "
+                f"box; all of it takes {1000.0 * low:.0f} to {1000.0 * high:.0f} mm of chain "
+                f"{chain + 1}",
                 "rails that reach a good part of the box",
                 "Correct travel_mm or [box] in the machine file.",
             )
-        return postures[:count]
+        return postures
 
     def inside(self, postures: FloatArray) -> FloatArray:
         """As `Box.inside`, also for what the sliders reach."""

@@ -115,6 +115,11 @@ class Procedure:
         return linked and self.measured[:1] == (LINK_LENGTH,)
 
     @property
+    def has_rigid_link(self) -> bool:
+        """Whether a link holds the platform, so that the sliders themselves are what is read."""
+        return self.kind is ProcedureKind.CONSTRAINT_LINK and not self.reads_length
+
+    @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the unknown parameters."""
         zeros = [f"zero_{name}" for name in self.measured if name in ENCODERS]
@@ -144,8 +149,7 @@ class Procedure:
         """Names of the values of one posture."""
         if self.kind is ProcedureKind.POSE_INVERSE:
             return tuple(f"lambda{chain}" for chain in range(1, CHAINS + 1))
-        holds_link = self.kind is ProcedureKind.CONSTRAINT_LINK and not self.reads_length
-        return (LINK_LENGTH, *self.measured) if holds_link else self.measured
+        return (LINK_LENGTH, *self.measured) if self.has_rigid_link else self.measured
 
 
 def _list(names: Iterable[str]) -> str:

@@ -1,4 +1,5 @@
-"""Which postures show most: moved in their box, or by the sliders between the ends of their rails.
+"""Which postures show most: moved in their box, on the constraint link, or by the sliders between
+the ends of their rails.
 
 Bounds are kept exactly in the coordinates of the search. What else limits postures costs, more the
 farther it is passed; what is left of that is taken back on the way to where the search began.
@@ -21,8 +22,8 @@ from calib.design.criteria import Aim, Criterion, Observability, observability
 from calib.design.refinement import Pull, RefinedPostures, count_on_bound, judged, refine
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
 from calib.hexaslide.arms import transposed
-from calib.hexaslide.derivatives import RowMaker
-from calib.hexaslide.geometry import HexaSlide, forward_near, in_degrees, inverse
+from calib.hexaslide.derivatives import Bar, RowMaker
+from calib.hexaslide.geometry import HexaSlide, forward_near, in_degrees, inverse, present
 from calib.hexaslide.planning import (
     SCALED_WORDS,
     UNITS,
@@ -30,7 +31,14 @@ from calib.hexaslide.planning import (
     fewest_postures,
     rows_seen,
 )
-from calib.hexaslide.procedures import WELL_HELD, Procedure, joint_radius, looseness
+from calib.hexaslide.procedures import (
+    WELL_HELD,
+    Procedure,
+    ProcedureKind,
+    joint_radius,
+    looseness,
+)
+from calib.hexaslide.simulation import between, link_postures, on_link, random_on_link
 
 SHARPNESS = (8.0, 32.0, 128.0, 512.0, 2048.0)
 """Criteria of single singular values are made smooth, less and less. On the bare condition number
@@ -55,12 +63,16 @@ REMEMBERED = 64
 HALVINGS = 30
 
 
+SearchSpace = Literal["box", "joints", "link"]
+
+
 @dataclass(frozen=True, eq=False)
 class Search:
     """How postures are looked for: by ``criterion`` from ``starts`` random sets of the seed, the
     first replaced by ``given`` ``(p, 6)``.
 
-    ``in_joints``: the sliders are moved between the ends of their rails, the box is left out.
+    ``space`` joints: the sliders are moved between the ends of their rails, the box is left out;
+    link: in the box, but as high as the constraint link holds the platform.
     ``scaled``: angles count at the joints of the platform, parameters by what they do at random
     postures. ``few``: so few postures are wanted that they cannot show all; what their rows show
     is judged. ``source`` tells where ``given`` came from.
@@ -70,7 +82,7 @@ class Search:
     seed: int = 0
     starts: int = 8
     given: FloatArray | None = None
-    in_joints: bool = False
+    space: SearchSpace = "box"
     scaled: bool = False
     few: bool = False
     source: str = "random"
@@ -111,9 +123,9 @@ class BestPostures:
         return SCALED_WORDS if self.search.scaled else UNITS
 
     @property
-    def space(self) -> Literal["box", "joints"]:
+    def space(self) -> SearchSpace:
         """Where the search moved."""
-        return "joints" if self.search.in_joints and self.values else "box"
+        return self.search.space if self.values else "box"
 
     @property
     def start_condition_number(self) -> float:
@@ -139,6 +151,10 @@ class Space:
     def procedure(self) -> Procedure:
         """What is read."""
         return self._maker.procedure
+
+    def random(self, count: int, generator: np.random.Generator) -> FloatArray:
+        """Postures ``(count, 6)`` where a search may begin. Raises CalibrationError."""
+        return self.machine.random(count, generator)
 
     def begin(self, postures: FloatArray) -> FloatArray:
         """Coordinates of postures where a search begins."""
@@ -249,6 +265,56 @@ class JointSpace(Space):
             return np.zeros(len(coordinates), dtype=np.bool_)
 
 
+class LinkSpace(Space):
+    """Postures that the constraint link holds, by all of their coordinates but z.
+
+    Along it the posture moves across the link's derivatives ``g``: dz = -(g · d(others)) / g_z.
+    """
+
+    def random(self, count: int, generator: np.random.Generator) -> FloatArray:
+        """Held by the link. Raises CalibrationError."""
+        return random_on_link(self.machine, count, generator)
+
+    def begin(self, postures: FloatArray) -> FloatArray:
+        """Raises CalibrationError for postures that the link cannot hold inside the box."""
+        return on_link(self.machine, postures)
+
+    def postures(self, coordinates: FloatArray) -> FloatArray:
+        """In the box or beyond its z, which is NaN where the link reaches nowhere."""
+        return link_postures(self.machine, coordinates)
+
+    def rows(self, coordinates: FloatArray) -> tuple[FloatArray, Pull]:
+        """As `calib.design.refinement.RowsAndPull`. Raises UnreachablePosture."""
+        postures = self.postures(coordinates)
+        rows, pull = self.read(postures)
+        return rows, lambda weights: self._along_link(postures, pull(weights))
+
+    def beyond(self, coordinates: FloatArray) -> tuple[float, FloatArray]:
+        """A z beyond the box costs as a slider beyond its rail."""
+        postures = self.postures(coordinates)
+        cost, slopes = super().beyond(postures)
+        least, greatest = self.lower[2], self.upper[2]
+        share = (postures[:, 2] - np.clip(postures[:, 2], least, greatest)) / (greatest - least)
+        slopes[:, 2] += 2.0 * STEEP * share / (greatest - least)
+        return cost + STEEP * float((share**2).sum()), self._along_link(postures, slopes)
+
+    def allowed(self, coordinates: FloatArray) -> NDArray[np.bool_]:
+        """Those in the box ``(p,)``."""
+        postures = self.postures(coordinates)
+        allowed = between(self.machine.box, postures)
+        allowed[allowed] = super().allowed(postures[allowed])
+        return allowed
+
+    def _along_link(self, postures: FloatArray, slopes: FloatArray) -> FloatArray:
+        """Derivatives by the coordinates from those by the postures ``(p, 6)``."""
+        turn = self._maker.chains(postures).legs.arms.turn
+        bar = Bar.at(present(self.machine.link), postures, turn).by_posture
+        return np.asarray(slopes - slopes[:, 2:3] / bar[:, 2:3] * bar)
+
+
+SPACES: dict[SearchSpace, type[Space]] = {"box": Space, "joints": JointSpace, "link": LinkSpace}
+
+
 def _by_sliders(by_posture: FloatArray, slopes: FloatArray) -> FloatArray:
     """Derivatives by the sliders from those by the postures ``(p, 6)``."""
     return np.asarray(np.linalg.solve(transposed(by_posture), slopes[..., None])[..., 0])
@@ -270,7 +336,7 @@ def searches(
     began = time.perf_counter()
     space = _space(procedure, machine, count, search)
     generator, aim = np.random.default_rng(search.seed), Aim(search.criterion)
-    begins = [machine.random(count, generator) for _ in range(search.starts)]
+    begins = [space.random(count, generator) for _ in range(search.starts)]
     if search.given is not None:  # drawn all the same: the other starts are those of the seed
         begins[0] = search.given
 
@@ -323,7 +389,7 @@ def judged_postures(
     Raises NotIdentifiable where they do not show all that the procedure can show, and
     UnreachablePosture.
     """
-    search = replace(search or Search(), in_joints=False)
+    search = replace(search or Search(), space="box")
     space = _space(procedure, machine, len(postures), search)
     value = judged(space.rows(postures)[0], Aim(search.criterion))
     as_is = RefinedPostures(
@@ -353,14 +419,18 @@ def _space(procedure: Procedure, machine: HexaSlide, count: int, search: Search)
             f"{fewest} or more for {procedure.kind.value}",
             "With --few the combinations that so few postures show are judged.",
         )
-    if search.in_joints and not np.isfinite(machine.travel_m).all():
+    if search.space == "joints" and not np.isfinite(machine.travel_m).all():
         raise CalibrationError(
             "search between the ends of the rails",
             "no travel_mm in the machine file",
             "travel_mm in every [[chain]]",
         )
-    kind = JointSpace if search.in_joints else Space
-    return kind(rows_seen(procedure, machine, scaled=search.scaled), machine, few=few)
+    if search.space == "link" and procedure.kind is not ProcedureKind.CONSTRAINT_LINK:
+        raise CalibrationError(
+            "search on the constraint link", procedure.kind.value, "constraint-link"
+        )
+    maker = rows_seen(procedure, machine, scaled=search.scaled)
+    return SPACES[search.space](maker, machine, few=few)
 
 
 def _taken_back(

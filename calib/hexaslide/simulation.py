@@ -5,14 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError
-from calib.hexaslide.geometry import Box, ConstraintLink, HexaSlide, inverse, present, rotation
+from calib.hexaslide.geometry import (
+    MOST_DRAWN,
+    Box,
+    HexaSlide,
+    first_of_draws,
+    inverse,
+    present,
+    rotation,
+)
 from calib.hexaslide.procedures import ANGLES, Procedure, ProcedureKind
-from calib.hexaslide.residuals import Readings, read_at, standing
-
-MOST_ROUNDS = 50
+from calib.hexaslide.residuals import Readings, read_at, standing, stretch
 
 MOST_ERROR = 0.02
 """Of a simulated machine where no tolerance is known, metres or radians."""
@@ -83,8 +90,12 @@ def measure(
     of sliders are exact. Raises UnreachablePosture, and CalibrationError where the link's sphere
     misses the box.
     """
-    if procedure.kind is ProcedureKind.CONSTRAINT_LINK and not procedure.reads_length:
-        reached = _on_link(truth, postures, generator, length_noise_m)
+    if procedure.has_rigid_link:
+        if isinstance(postures, int):
+            reached = random_on_link(truth, postures, generator, length_noise_m)
+        else:
+            play = length_noise_m * generator.standard_normal(len(postures))
+            reached = on_link(truth, postures, play)
         sliders = np.asarray(inverse(truth.geometry, reached))
     else:
         if isinstance(postures, int):
@@ -146,8 +157,8 @@ class SimulatedHexaSlide:
         generator = np.random.default_rng([self.seed, number, attempt])
         length_m, angle_rad = noise.tolist()
         procedure, commanded = self.procedure, posture[None]
-        if procedure.kind is ProcedureKind.CONSTRAINT_LINK and not procedure.reads_length:
-            reached = _on_link(self.truth, commanded, generator, length_m)
+        if procedure.has_rigid_link:
+            reached = on_link(self.truth, commanded, length_m * generator.standard_normal(1))
             sliders = np.asarray(inverse(self.truth.geometry, reached))[0]
         else:
             reached = standing(self.truth, sliders[None], commanded)
@@ -155,61 +166,67 @@ class SimulatedHexaSlide:
         return sliders, values[0]
 
 
-def on_link(machine: HexaSlide, postures: FloatArray) -> FloatArray:
-    """Postures ``(p, 6)`` lifted or lowered until the constraint link holds them.
-
-    Raises CalibrationError naming the first that it cannot hold inside the box.
-    """
-    link = present(machine.link)
-    for number, posture in enumerate(postures, start=1):
-        if not len(_held(machine.box, link, posture[None], np.zeros(1))):
-            raise CalibrationError(
-                f"posture {number}",
-                "none that the link allows inside the box",
-                "postures whose ends can be as far apart as the link is long",
-            )
-    return _held(machine.box, link, postures, np.zeros(len(postures)))
-
-
-def _on_link(
-    truth: HexaSlide, postures: FloatArray | int, generator: np.random.Generator, play_m: float
+def link_postures(
+    machine: HexaSlide, postures: FloatArray, play_m: FloatArray | float = 0.0
 ) -> FloatArray:
-    """Postures ``(p, 6)`` at which the ends are as far apart as the link is long."""
-    link = present(truth.link)
-    if not isinstance(postures, int):
-        play = play_m * generator.standard_normal(len(postures))
-        postures_given = _held(truth.box, link, postures, play)
-        if len(postures_given) < len(postures):
-            raise CalibrationError(
-                "postures on the constraint link",
-                f"{len(postures_given)} of {len(postures)} that the link allows inside the box",
-                "postures whose ends can be as far apart as the link is long",
-                "Give other postures, or none: then random ones are used.",
-            )
-        return postures_given
-    count, postures_held = postures, np.zeros((0, 6))
-    for _ in range(MOST_ROUNDS):
-        play = play_m * generator.standard_normal(count)
-        free = truth.box.random(count, generator)
-        postures_held = np.vstack([postures_held, _held(truth.box, link, free, play)])
-        if len(postures_held) >= count:
-            return postures_held[:count]
-    raise CalibrationError(
-        "constraint link",
-        f"a length of {link.length_m:g} m that {len(postures_held)} of "
-        f"{MOST_ROUNDS * count} random postures keep",
-        "ends and a length that let the platform move in the box",
-    )
-
-
-def _held(box: Box, link: ConstraintLink, free: FloatArray, play_m: FloatArray) -> FloatArray:
-    """Postures ``(q, 6)`` lifted or lowered until the link holds them, those in the box."""
-    ends = free[:, :3] + rotation(free[:, 3:]) @ link.platform_end
+    """Postures ``(p, 6)`` lifted or lowered until the ends of the constraint link are as far apart
+    as it is long, and ``play_m`` ``(p,)`` more; their z is NaN where none does that, and may leave
+    the box. Raises CalibrationError for a machine without link.
+    """
+    box, link = machine.box, present(machine.link)
+    ends = postures[:, :3] + rotation(postures[:, 3:]) @ link.platform_end
     apart = ends - link.base_end
     side = np.sign(box.centre[2] + link.platform_end[2] - link.base_end[2])
     square = (link.length_m + play_m) ** 2 - (apart[:, :2] ** 2).sum(axis=1)
-    postures_held = free[square > 0.0]
-    height = side * np.sqrt(square[square > 0.0])
-    postures_held[:, 2] += height - apart[square > 0.0, 2]
-    inside = (postures_held[:, 2] >= box.lower[2]) & (postures_held[:, 2] <= box.upper[2])
-    return np.asarray(postures_held[inside])
+    held = postures.copy()
+    held[:, 2] += side * np.sqrt(np.where(square > 0.0, square, np.nan)) - apart[:, 2]
+    return np.asarray(held)
+
+
+def between(box: Box, postures: FloatArray) -> NDArray[np.bool_]:
+    """Which postures ``(p,)`` are neither below nor above the box."""
+    return np.asarray((box.lower[2] <= postures[:, 2]) & (postures[:, 2] <= box.upper[2]))
+
+
+def on_link(
+    machine: HexaSlide, postures: FloatArray, play_m: FloatArray | float = 0.0
+) -> FloatArray:
+    """`link_postures`. Raises CalibrationError naming the first that the link cannot hold inside
+    the box, and the lengths with which it could.
+    """
+    held, box, link = link_postures(machine, postures, play_m), machine.box, present(machine.link)
+    outside = np.flatnonzero(~between(box, held))
+    if len(outside):
+        ends = np.tile(postures[outside[0]], (2, 1))
+        ends[:, 2] = box.lower[2], box.upper[2]
+        least, greatest = np.sort(1000.0 * (link.length_m - stretch(link, ends)))
+        raise CalibrationError(
+            f"posture {outside[0] + 1}",
+            f"a constraint link of {1000.0 * link.length_m:g} mm",
+            f"{least:.1f} to {greatest:.1f} mm there, between the lower and the upper end of "
+            "the box",
+        )
+    return held
+
+
+def random_on_link(
+    machine: HexaSlide, count: int, generator: np.random.Generator, play_m: float = 0.0
+) -> FloatArray:
+    """Random postures ``(count, 6)`` of the box that the link holds, its play normal with this
+    standard deviation. Raises CalibrationError where hardly any is.
+    """
+
+    def draw() -> FloatArray:
+        play = play_m * generator.standard_normal(count)
+        held = link_postures(machine, machine.box.random(count, generator), play)
+        return np.asarray(held[between(machine.box, held)])
+
+    postures = first_of_draws(draw, count)
+    if len(postures) < count:
+        raise CalibrationError(
+            "constraint link",
+            f"a length of {present(machine.link).length_m:g} m that {len(postures)} of "
+            f"{MOST_DRAWN * count} random postures keep",
+            "ends and a length that let the platform move in the box",
+        )
+    return postures

@@ -61,7 +61,7 @@ def choose_subset(
         try:
             solutions[subset] = identify(case, subset, method, weights, tolerance_mm=tolerance_mm)
         except NotIdentifiable as problem:
-            refused[subset] = problem
+            refused[subset] = problem.with_traceback(None)  # its frames hold all arrays
     if not solutions:
         raise refused["joint-offsets"]
     return SubsetChoice(solutions, refused)

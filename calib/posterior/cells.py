@@ -76,14 +76,38 @@ def is_radial(law: Effect, place: str) -> bool:
     return law.id == AxisOffset.id and place[-1] == "r"
 
 
-Stated = Literal["nothing", "radius", "directions", "lines", "lines and bars"]
+Stated = Literal[
+    "nothing",
+    "radius",
+    "directions",
+    "directions and single bars",
+    "directions and bars",
+    "lines",
+    "lines and bars",
+]
+"""Directions and travel of the drives, beside these bars, but for what all have in common, or bars,
+and where lines of the drives lie. But "nothing" leaves the radius of all towers free, too."""
 
 DIRECTIONS = (AxisLean.id, AxisSquareness.id, ActuatorScale.id)
 OF_CONTACTS = (BowOfTouchedPlate.id, PlatformTilt.id)
 """A machine whose lines are as stated has a flat plate and a level platform, too."""
+FREE_LAWS: Mapping[Stated, tuple[str, ...]] = {
+    "nothing": (*DIRECTIONS, AxisOffset.id, *OF_CONTACTS),
+    "radius": (*DIRECTIONS, AxisOffset.id, *OF_CONTACTS),
+    "directions": (AxisOffset.id, *OF_CONTACTS),
+    "directions and single bars": (AxisOffset.id,),
+    "directions and bars": (AxisOffset.id,),
+    "lines": (),
+    "lines and bars": (),
+}
+"""Of parameters of geometry those that may be off by their tolerance, by what is as stated."""
 
 STATED_MM = 0.01
 """Of lengths that are as stated: bars that are measured, not made to tolerance."""
+BARS_STATED: tuple[Stated, ...] = ("directions and bars", "lines and bars")
+SINGLE_BARS_STATED: tuple[Stated, ...] = ("directions and single bars", *BARS_STATED)
+FIRMWARE: tuple[Stated, ...] = ("directions and single bars", "directions and bars")
+"""Where only that is off which firmware of printers fits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +119,11 @@ class SessionCase:
     readings tell no noise, that of ``others`` holds: of sessions with the same indicators. Effects
     of the model that are ``free``, laws at places, have other sizes than it states. ``geometry``
     are parameters of the drives' lines, laws at places, with their standard deviations;
-    ``radius_mm`` is that of the radius of all towers, where it may be a guess. What is
-    ``as_stated`` is as the model has it, but for what has a name: that radius; directions and
-    travel of the drives, too; where their lines lie, too; or bars, too. Joint offsets of sessions
-    of the same ``state`` of the machine differ by what was ``entered_mm`` and by what homing
-    changes, ``homing_mm``; None: they are no other session's. ``distances`` between marks were
-    measured beside the readings.
+    ``radius_mm`` is that of the radius of all towers, and of where each stands round the plate, if
+    these may be a guess. What is ``as_stated`` is as the model has it, but for what has a name.
+    Joint offsets of sessions of the same ``state`` of the machine differ by what was
+    ``entered_mm`` and by what homing changes, ``homing_mm``; None: they are no other session's.
+    ``distances`` between marks were measured beside the readings.
     """
 
     model: Model
@@ -138,18 +161,28 @@ class SessionCase:
         return spread
 
     @property
+    def _bars_mm(self) -> tuple[FloatArray, FloatArray]:
+        """What bars ``(3,)`` are off by, each by itself and all together, standard deviations."""
+        tolerance_mm = np.maximum(self.tolerance_mm[3:], FINEST_MM)
+        single_mm = math.sqrt(1.0 - self.length_correlation) * tolerance_mm
+        alike_mm = math.sqrt(self.length_correlation) * tolerance_mm
+        if self.as_stated in SINGLE_BARS_STATED:
+            single_mm = np.minimum(single_mm, STATED_MM)
+        return single_mm, 0.0 * alike_mm if self.as_stated in BARS_STATED else alike_mm
+
+    @property
     def spread_mm(self) -> FloatArray:
         """Those standard deviations ``(6,)``; a tolerance of 0 is a value known as it stands."""
-        spread = np.maximum(self.tolerance_mm, FINEST_MM)
-        if self.as_stated == "lines and bars":
-            spread[3:] = np.minimum(spread[3:], STATED_MM)
-        return spread
+        offsets_mm = np.maximum(self.tolerance_mm[:3], FINEST_MM)
+        return np.concatenate([offsets_mm, np.hypot(*self._bars_mm)])
 
     @property
     def base_correlation(self) -> FloatArray:
         """Of what joint offsets and bar lengths ``(6, 6)`` are off by."""
         correlation = np.eye(BASE)
-        correlation[3:, 3:] += self.length_correlation * (1.0 - np.eye(BASE - 3))
+        single_mm, alike_mm = self._bars_mm
+        bars_mm2 = np.diag(single_mm**2) + np.outer(alike_mm, alike_mm)
+        correlation[3:, 3:] = bars_mm2 / np.outer(self.spread_mm[3:], self.spread_mm[3:])
         return correlation
 
     @property
@@ -160,15 +193,10 @@ class SessionCase:
     @property
     def lines(self) -> Mapping[tuple[Effect, str], float]:
         """Parameters of geometry that every model has free about 0; adopted ones have a size."""
-        free: dict[Stated, tuple[str, ...]] = {
-            "nothing": (*DIRECTIONS, AxisOffset.id, *OF_CONTACTS),
-            "radius": (*DIRECTIONS, AxisOffset.id, *OF_CONTACTS),
-            "directions": (AxisOffset.id, *OF_CONTACTS),
-        }
-        ids = free.get(self.as_stated, ())
+        ids = FREE_LAWS[self.as_stated]
         radius_mm = self.radius_mm if self.as_stated == "nothing" else 0.0
         return {
-            (law, place): math.hypot(size, radius_mm) if is_radial(law, place) else size
+            (law, place): math.hypot(size, radius_mm) if law.id == AxisOffset.id else size
             for (law, place), size in self.geometry.items()
             if law.id in ids
             and (law, place) not in self.free
@@ -200,7 +228,7 @@ class SessionCase:
         beyond = {law: size for (law, _), size in self.geometry.items()}
         if SHAPES[0] in beyond:
             beyond[ROUND] = beyond[SHAPES[0]]
-        stated = self.as_stated == "lines and bars"
+        stated = self.as_stated in SINGLE_BARS_STATED
         return beyond | {LegLength(): math.inf if stated else float(self.tolerance_mm[3:].max())}
 
     @property

@@ -81,7 +81,7 @@ class ToolOff:
     def bound_in(self, frame: Frame) -> float:
         """95 % of the posterior keep it in this frame, mm; worked out once."""
         if frame not in self._bounds_mm:
-            errors = self.posterior.tool_errors[frame]
+            errors = self.posterior.for_bounds.tool_errors[frame]
             self._bounds_mm[frame] = math.hypot(errors.bound_mm(self.values), self.beside_mm)
         return self._bounds_mm[frame]
 
@@ -96,7 +96,7 @@ class ToolOff:
             expected = self.posterior.mean
             metric = self.posterior.field.metrics[frame]
             shown_mm = math.sqrt(mean_square(metric, expected - self.values))
-            guard_mm = self.posterior.tool_errors[frame].bound_mm(expected)
+            guard_mm = self.posterior.for_bounds.tool_errors[frame].bound_mm(expected)
             self._least_mm[frame] = max(0.0, shown_mm - guard_mm)
         return self._least_mm[frame]
 

@@ -12,11 +12,12 @@ import numpy as np
 
 from calib.arrays import BLIND, FloatArray, IntArray
 from calib.posterior.apart import Mistake
-from calib.posterior.cells import Cells
+from calib.posterior.cells import FIRMWARE, FREE_LAWS, Cells, Stated
 from calib.posterior.library import OTHER_BARS, Component
 from calib.posterior.readings import LENGTHS, Placed, Rows
 from calib.posterior.tool import FRAMES, RIGID, Frame, ToolField
 from calib.posterior.tool_errors import InField, ToolErrors
+from calib.tripod.effects.drives import AxisOffset
 from calib.tripod.effects.effect import PER_THOUSAND, Effect, EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
@@ -28,7 +29,8 @@ class Weighted:
 
     A root of their covariance is ``base`` ``(b, b)``, which many models share, beside ``sizes``
     ``(b + r, r)``, both times ``inflated``. The base ends with sizes of the components
-    ``everywhere``; ``mistakes`` of labels and readings were put right.
+    ``everywhere``; ``mistakes`` of labels and readings were put right. Of the machine so much is
+    ``as_stated`` as its file has it.
     """
 
     members: tuple[int, ...]
@@ -40,6 +42,7 @@ class Weighted:
     inflated: float
     everywhere: tuple[int, ...]
     mistakes: tuple[Mistake, ...] = ()
+    as_stated: Stated = "nothing"
 
     @property
     def variance(self) -> FloatArray:
@@ -221,12 +224,17 @@ class Posterior:
             np.sum([model.weight * model.mean for model in self.models_in_field], axis=0)
         )
 
-    @cached_property
+    @property
     def likeliest_labels(self) -> Posterior:
         """The models with the likeliest labels of the readings alone.
 
         Two ways to put labels right are two machines, and their mean is neither.
         """
+        return self._likeliest_labels or self
+
+    @cached_property
+    def _likeliest_labels(self) -> Posterior | None:
+        """The same where there are others: one that held itself would wait for the collector."""
         labels = [
             frozenset((m.session, m.id, m.where) for m in model.mistakes if m.relabels)
             for model in self.models
@@ -234,15 +242,29 @@ class Posterior:
         shares = dict.fromkeys(labels, 0.0)
         for key, model in zip(labels, self.models, strict=True):
             shares[key] += model.weight
-        if len(shares) == 1:
-            return self
         likeliest = max(shares, key=shares.__getitem__)
-        models = tuple(
-            replace(model, weight=model.weight / shares[likeliest])
-            for key, model in zip(labels, self.models, strict=True)
-            if key == likeliest
-        )
-        return replace(self, models=models)
+        return self._of_models([key == likeliest for key in labels])
+
+    @property
+    def for_bounds(self) -> Posterior:
+        """The models that a bound rests on: not those where only what firmware fits is off.
+
+        A bowed plate looks like a wrong radius: that firmware's factors explain the readings makes
+        them likelier values, and is no reason to bound all other parts by what the file states.
+        """
+        return self._for_bounds or self
+
+    @cached_property
+    def _for_bounds(self) -> Posterior | None:
+        return self._of_models([model.as_stated not in FIRMWARE for model in self.models])
+
+    def _of_models(self, kept: Sequence[bool]) -> Posterior | None:
+        """The same of some of its models; None where that is all of them, or none."""
+        if len(set(kept)) == 1:
+            return None
+        models = [model for model, is_kept in zip(self.models, kept, strict=True) if is_kept]
+        total = math.fsum(model.weight for model in models)
+        return replace(self, models=tuple(replace(m, weight=m.weight / total) for m in models))
 
     def mean_of(self, selected: Callable[[Weighted], FloatArray]) -> tuple[FloatArray, FloatArray]:
         """Combinations ``(m,)`` of the values over all models, and their standard deviations.
@@ -309,6 +331,8 @@ class Posterior:
             self._unstated[model.everywhere] = self._of_tolerances(model.everywhere)
         deviation = self._unstated[model.everywhere].copy()
         if not self.geometry.common_zero:  # readings are of the tool, in the frame of its plate
+            if AxisOffset.id in FREE_LAWS[model.as_stated]:
+                deviation[-3:] = np.hypot(deviation[-3:], self._turn_of_drives)
             return deviation
         alike: dict[str, dict[int, Lean]] = {}
         for lean in (
@@ -322,6 +346,22 @@ class Posterior:
                 size = lean.unit * math.sqrt(math.fsum(squares) / len(squares))
                 deviation[lean.turn] = math.hypot(deviation[lean.turn], size)
         return deviation
+
+    @cached_property
+    def _turn_of_drives(self) -> FloatArray:
+        """Standard deviations ``(3,)`` of a turn about each axis, rad, that no contact shows.
+
+        Parallel drives are fitted as they stand about the last one. All three are turned by the
+        mean of what each is off round the plate.
+        """
+        geometry, tolerances = self.geometry, self.sessions[-1].case.geometry
+        if not geometry.parallel:
+            return np.zeros(3)
+        across_mm = [mm for (law, _), mm in tolerances.items() if law.id == AxisOffset.id]
+        mean_mm = max(across_mm, default=0.0) / math.sqrt(len(geometry.anchors))
+        along = geometry.directions[-1]
+        radius_mm = np.linalg.norm(np.cross(along, geometry.anchors), axis=1).mean()
+        return np.asarray(np.abs(along) * mean_mm / radius_mm)
 
     @cached_property
     def _unstated(self) -> dict[tuple[int, ...], FloatArray]:

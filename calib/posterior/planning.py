@@ -311,7 +311,7 @@ class Planner:
     @cached_property
     def outside(self) -> Outside | None:
         """What shows the part of the error that legs do not see, where it is the larger one."""
-        errors = self.posterior.tool_errors[self.correction.frame]
+        errors = self.posterior.for_bounds.tool_errors[self.correction.frame]
 
         def bound(columns: Sequence[int]) -> float:
             return errors.without(columns).bound_mm(self.correction.off.values)

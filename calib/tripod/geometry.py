@@ -242,6 +242,11 @@ class Geometry:
         alike = np.abs(self.directions @ self.directions.T - np.eye(3))
         return bool(askew.max() < MOST_ASKEW and alike.max() < MOST_ALIKE)
 
+    @property
+    def parallel(self) -> bool:
+        """Whether all drives point one way: none shows how the machine is turned about that."""
+        return bool((self.directions @ self.directions.T).min() > MOST_ALIKE)
+
     @cached_property
     def leg_zero_mm(self) -> FloatArray:
         """Where the tool stands at the Zero of each leg, and of the tool ``(3 legs + 1, 3)``.

@@ -1,4 +1,4 @@
-"""What a Hexa Slide keeps at its platform: ``python -m tests.blind.hexaslide_correction 60``.
+"""What a Hexa Slide keeps at its platform: ``python -m tests.blind.hexaslide_correction 200``.
 
 Hidden machines as in `tests.blind.hexaslide`. The controller gets the parameters of a plain fit, or
 the machine that the program enters; spheres about the carriages, the hidden cause with them, say
@@ -94,13 +94,16 @@ def remaining(kind: str, seed: int, cause: Hidden | None = None) -> Remaining:
     return Remaining(cause.cause or "nothing", plain_mm, entered_mm, law_mm, bound_mm)
 
 
-def main(count: int) -> None:
-    """The table."""
-    print("| procedure | hidden | machines | plain fit, mm | entered, mm | law, mm | bound held |")
-    print("|---|---|---|---|---|---|---|")
+def main(count: int, first: int = 0) -> None:
+    """The table, with the median of the bound over the error."""
+    print(
+        "| procedure | hidden | machines | plain fit, mm | entered, mm | law, mm | bound held "
+        "| bound over error |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
     for kind in POSTURES:
         by_cause: dict[str, list[Remaining]] = defaultdict(list)
-        for seed in range(count):
+        for seed in range(first, first + count):
             machine = remaining(kind, seed)
             by_cause[machine.cause].append(machine)
         for cause, machines in by_cause.items():
@@ -108,8 +111,9 @@ def main(count: int) -> None:
             plain, entered, law = np.sqrt(np.mean(np.square(errors), axis=0)).tolist()
             within = sum(m.entered_mm <= m.bound_mm for m in machines)
             row = (kind, cause, len(machines), *(f"{mm:.4f}" for mm in (plain, entered, law)))
-            print(f"| {' | '.join(map(str, row))} | {within} |", flush=True)
+            ratio = np.median([m.bound_mm / m.entered_mm for m in machines])
+            print(f"| {' | '.join(map(str, row))} | {within} | {ratio:.2f} |", flush=True)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(*map(int, sys.argv[1:3]))

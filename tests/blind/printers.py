@@ -91,10 +91,14 @@ class Parts:
         return place
 
 
-class Hidden(Protocol):
-    """A printer: where its tool is, and where the firmware is as something meets the plate."""
+class WithTool(Protocol):
+    """A printer: where its tool is, from where it is below a perfect one."""
 
     def tool(self, below_mm: FloatArray) -> FloatArray: ...
+
+
+class Hidden(WithTool, Protocol):
+    """A printer that also knows where the firmware is as something meets the plate."""
 
     def met(self, firmware: Firmware, across: tuple[float, float]) -> FloatArray: ...
 
@@ -217,7 +221,7 @@ def fitted(
     return firmware(*values(solution.x))
 
 
-def errors(parts: Hidden, run: Firmware) -> FloatArray:
+def errors(parts: WithTool, run: Firmware) -> FloatArray:
     """Tool less where it was sent, less the same in the middle of the plate ``(n, 3)``."""
     zero = parts.tool(run(np.zeros(3)))
     return np.array([parts.tool(run(place)) - place for place in GRID]) - zero

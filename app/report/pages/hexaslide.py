@@ -114,7 +114,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
             Section("What to enter in the controller", [enter, _values(solved, calibrated)]),
             Section(
                 "Parameters",
-                [parameter_table(document), *figure_lines(document, solved.factor)],
+                [parameter_table(document), *figure_lines(document, solved.found.factor)],
             ),
             Section("What limits this result", _all_limits(result, document)),
             Section("What is missing from the model", _missing(result)),

@@ -99,7 +99,7 @@ class HexaSlidePosturesReport(Report):
     published_criteria: Observability = of(lambda r: r.found)
     start_published_criteria: Observability = of(lambda r: r.start)
     units: str = of(lambda r: r.units)
-    space: Literal["box", "joints"] = of(lambda r: r.space, "where the search moved")
+    space: Literal["box", "joints", "link"] = of(lambda r: r.space, "where the search moved")
     postures: tuple[dict[str, float], ...] = of(lambda r: r.postures)
     coordinates_on_bound: int = of(lambda r: r.refined.on_bound)
     start_coordinates_on_bound: int = of(lambda r: r.start_on_bound)
@@ -161,9 +161,7 @@ def _noise(solved: CalibratedMachine) -> MeasuringNoiseEntry:
 
 def _lack_of_fit(solved: CalibratedMachine) -> LackOfFitEntry:
     """Variance that is left by the stated one."""
-    if solved.p_value is None:
-        return LackOfFitEntry()
-    return LackOfFitEntry(statistic=solved.found.lack_of_fit, p_value=solved.p_value)
+    return LackOfFitEntry(statistic=solved.found.lack_of_fit, p_value=solved.found.p_value)
 
 
 @dataclass(frozen=True)

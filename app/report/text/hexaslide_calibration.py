@@ -65,7 +65,7 @@ def calibration_text(solved: CalibratedMachine) -> str:
         beside_words(solved.adopted),
         "\n".join([*verdict, platform_text(document), *caveats(document)]),
         parameter_table(document),
-        "\n".join(figure_lines(document, solved.factor)),
+        "\n".join(figure_lines(document, solved.found.factor)),
         *left_parts(document),
         "\n".join([check_words(document), *_truth(document)]),
     )

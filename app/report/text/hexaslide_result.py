@@ -101,7 +101,7 @@ def next_text(document: HexaSlideCalibrationReport, folder: str) -> str:
 def details_text(result: PostureResult) -> str:
     """Parameters, and what is known only together."""
     document = HexaSlideCalibrationReport.of(result.solved)
-    lines = "\n".join(figure_lines(document, result.solved.factor))
+    lines = "\n".join(figure_lines(document, result.solved.found.factor))
     return paragraphs(parameter_table(document), lines)
 
 

@@ -263,7 +263,9 @@ def geometry_tolerances(
     """Parameters of the drives' lines, laws at places, with the standard deviation of each.
 
     Of each drive where its line lies across itself, how it leans, and what its travel is off by; 0:
-    a part that is as stated. Where legs are read these see differences of two drives.
+    a part that is as stated. Where legs are read these see differences of two drives. Parallel
+    drives are round each other as they are about the last: no reading shows a turn of all, and
+    firmware of printers measures it from there, too.
     """
     of_two = math.sqrt(2.0)
     across = tuple(geometry.across)
@@ -273,7 +275,7 @@ def geometry_tolerances(
     )
     if not geometry.common_zero:
         laws = (
-            (AxisOffset(across), across, across_mm),
+            (AxisOffset(across), across[:-1] if geometry.parallel else across, across_mm),
             (AxisLean(across), across, lean_mrad),
         )
     laws = (*laws, (ActuatorScale(), LEG_NAMES, scale_mm_m))

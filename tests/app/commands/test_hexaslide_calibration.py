@@ -365,7 +365,7 @@ def test_postures_that_cannot_be_measured_are_refused(tmp_path: Path) -> None:
     text = H60_FILE.read_text(encoding="utf-8")
     short.write_text(text.replace("length_mm = 550.0", "length_mm = 300.0"), encoding="utf-8")
     link = ("constraint-link", *options, "--machine-file", short)
-    assert "0 of 1 that the link allows" in told(5, *SIMULATE, *link)
+    assert "posture 1: found a constraint link of 300 mm" in told(5, *SIMULATE, *link)
     assert not out.exists()
 
 

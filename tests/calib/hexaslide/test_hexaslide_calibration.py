@@ -435,6 +435,21 @@ def test_postures_on_a_link_are_those_lifted_to_its_length_within_the_box() -> N
     assert np.array(inside) == pytest.approx(np.array(expected))
 
 
+def test_a_link_that_is_too_short_is_refused_with_the_lengths_that_fit() -> None:
+    link, posture = NOMINAL.link, NOMINAL.box.centre
+    assert link is not None
+    turn = rotation(posture[None, 3:])[0]
+    ends = [
+        np.array([*posture[:2], z]) + turn @ link.platform_end - link.base_end
+        for z in (NOMINAL.box.lower[2], NOMINAL.box.upper[2])
+    ]
+    least, greatest = (1000.0 * float(np.linalg.norm(end)) for end in ends)
+    short = replace(NOMINAL, link=replace(link, length_m=0.1))
+    words = rf"found a constraint link of 100 mm. Allowed: {least:.1f} to {greatest:.1f} mm there"
+    with pytest.raises(CalibrationError, match=words):
+        on_link(short, posture[None])
+
+
 def test_lengths_that_no_frame_changes_are_all_between_joints_starts_and_links() -> None:
     geometry = NOMINAL.geometry
     starts = np.linalg.norm(geometry.base[1:], axis=1)

@@ -11,13 +11,30 @@ import pytest
 
 from benchmarks.hexaslide import ours, peer
 from calib.arrays import FloatArray
-from calib.design.criteria import Criterion, observability
-from calib.design.refinement import OF_ENDS
+from calib.design.criteria import Aim, Criterion, observability
+from calib.design.refinement import OF_ENDS, cost_by_rows
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
 from calib.hexaslide.derivatives import RowMaker, jacobian
-from calib.hexaslide.geometry import ENCODERS, ConstraintLink, Geometry, HexaSlide, inverse, legs
+from calib.hexaslide.geometry import (
+    ENCODERS,
+    ConstraintLink,
+    Geometry,
+    HexaSlide,
+    inverse,
+    legs,
+    rotation,
+)
+from calib.hexaslide.planning import rows_seen
 from calib.hexaslide.procedures import Procedure, ProcedureKind, looseness
-from calib.hexaslide.search import BestPostures, Search, best_postures, judged_postures
+from calib.hexaslide.search import (
+    SPACES,
+    BestPostures,
+    Search,
+    SearchSpace,
+    best_postures,
+    judged_postures,
+)
+from calib.hexaslide.simulation import random_on_link
 from tests.calib.hexaslide.hexaslide_draws import jacobian_and_slopes
 from tests.calib.hexaslide.test_hexaslide import H60, random_machine, some
 from tests.conftest import LONG, first_quick
@@ -324,7 +341,7 @@ def test_between_the_ends_of_the_rails_more_is_seen_than_in_the_box() -> None:
     procedure, search = PROCEDURES["pose-forward"], Search(starts=1)
     machine = replace(H60, travel_m=np.outer([0.0, 1.05], np.ones(6)))
     box = best_postures(procedure, machine, 9, search)
-    design = best_postures(procedure, machine, 9, replace(search, in_joints=True))
+    design = best_postures(procedure, machine, 9, replace(search, space="joints"))
     assert (design.begin == box.begin).all()
     assert design.condition_number < box.condition_number / 2.0
     sliders = inverse(H60.geometry, design.coordinates)
@@ -339,7 +356,50 @@ def test_between_the_ends_of_the_rails_more_is_seen_than_in_the_box() -> None:
     assert design.condition_number == pytest.approx(float(np.linalg.cond(rows)), rel=1e-7)
     endless = replace(H60, travel_m=np.outer([-np.inf, np.inf], np.ones(6)))
     with pytest.raises(CalibrationError, match="no travel_mm in the machine file"):
-        best_postures(procedure, endless, 9, replace(search, in_joints=True))
+        best_postures(procedure, endless, 9, replace(search, space="joints"))
+
+
+def test_postures_on_the_link_are_those_that_it_holds() -> None:
+    """As `run` lifts postures: those of the box are worth less there than random ones."""
+    procedure, link, box = PROCEDURES["constraint-link"], H60.link, H60.box
+    assert link is not None
+    design = best_postures(procedure, H60, 48, Search(starts=1, space="link"))
+    found = design.coordinates
+    apart = found[:, :3] + rotation(found[:, 3:]) @ link.platform_end - link.base_end
+    assert np.linalg.norm(apart, axis=1) == pytest.approx(link.length_m, abs=1e-12)
+    assert (box.lower - 1e-12 <= found).all()
+    assert (found <= box.upper + 1e-12).all()
+    assert design.space == "link"
+    assert design.condition_number < 2e3
+    assert design.condition_number == judged_postures(procedure, H60, found).condition_number
+    with pytest.raises(CalibrationError, match="search on the constraint link: found position"):
+        best_postures(PROCEDURES["position"], H60, 16, Search(starts=1, space="link"))
+    short = replace(H60, link=replace(link, length_m=0.1))
+    with pytest.raises(CalibrationError, match=r"a length of 0\.1 m that 0 of 2400 random"):
+        best_postures(procedure, short, 48, Search(starts=1, space="link"))
+
+
+@pytest.mark.parametrize("space", ["box", "link"])
+def test_derivatives_of_the_search_are_those_of_its_cost(space: SearchSpace) -> None:
+    """Also where the link leads beyond the box."""
+    maker = rows_seen(PROCEDURES["constraint-link"], H60)
+    where = SPACES[space](maker, H60, few=False)
+    at = where.begin(random_on_link(H60, 48, np.random.default_rng(0)))
+    at[:3, 0] = H60.box.upper[0]
+
+    def cost(coordinates: FloatArray) -> tuple[float, FloatArray]:
+        rows, pull = where.rows(coordinates)
+        value, by_rows = cost_by_rows(rows, Aim(Criterion.CONDITION), 8.0)
+        beyond, slopes = where.beyond(coordinates)
+        return value + beyond, pull(by_rows) + slopes
+
+    slopes = cost(at)[1]
+    assert (np.abs(slopes[:, 2]).max() < 1e-9) == (space == "link")
+    for row, column in ((0, 1), (1, 0), (7, 3), (9, 4), (11, 5)):
+        step = np.zeros_like(at)
+        step[row, column] = 1e-6
+        difference = (cost(at + step)[0] - cost(at - step)[0]) / 2e-6
+        assert slopes[row, column] == pytest.approx(difference, rel=1e-4, abs=1e-4)
 
 
 @pytest.mark.parametrize("name", ["pose-forward", "constraint-link"])

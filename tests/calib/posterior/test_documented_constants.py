@@ -23,7 +23,7 @@ from calib.posterior import (
     screws,
     tool_errors,
 )
-from calib.posterior.posterior import CHANGED, CHANGES_MM, TYPED_IN
+from calib.posterior.posterior import AS_STATED, CHANGED, CHANGES_MM, TYPED_IN
 from calib.tripod.effects import empirical
 from tests.conftest import ROOT
 
@@ -72,7 +72,12 @@ CASES = [f"{prior:g}" for prior in CAUSES.round(12)]
         f"$h$ = {CHANGES_MM[0]:g} or {CHANGES_MM[1]:g} mm",
         f"$\\alpha \\sim N(0, \\max({race.ADOPTED:g}u, z)^2)$",
         f"Distances of towers correlate by {cells.ALIKE:g}.",
-        f"also the bars, to {cells.STATED_MM:g} mm.",
+        f"all free; {AS_STATED['directions']:g}, directions and travel as stated; "
+        f"{AS_STATED['directions and single bars']:g}, also a flat plate, and bars, to "
+        f"{cells.STATED_MM:g} mm, but for what all have in common; "
+        f"{AS_STATED['directions and bars']:g}, that, too (these two of towers alone); "
+        f"{AS_STATED['lines']:g}, all but the bars; "
+        f"{AS_STATED['lines and bars']:g}, also the bars.",
         f"these have {1.0 - TYPED_IN:g} of the prior.",
         f"the best {race.PAIRS} pairs at all scales, "
         f"and every third component beside the {race.TRIPLES_FROM} heaviest pairs. "

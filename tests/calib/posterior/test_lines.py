@@ -7,16 +7,20 @@ contacts show has a simulation of its own in `tests.blind.printers`.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
+from typing import get_args
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
 from calib.arrays import FloatArray, observe, tool_conditions
-from calib.posterior.cells import Cells, SessionCase
+from calib.posterior.cells import FIRMWARE, Cells, SessionCase, Stated
+from calib.posterior.correction import ToolOff
 from calib.posterior.entered import nothing_entered
-from calib.posterior.posterior import posterior
+from calib.posterior.posterior import AS_STATED, posterior
 from calib.posterior.problem import PosteriorProblem
 from calib.posterior.readings import LENGTHS
 from calib.tripod.effects.drives import (
@@ -29,7 +33,9 @@ from calib.tripod.effects.drives import (
 )
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Model
 from protocols.machine import load_machine
+from tests.blind.printers import BELIEVED, PERFECT, RINGS
 from tests.calib.posterior.sessions import SWEEP, case
 from tests.conftest import LONG
 
@@ -58,7 +64,7 @@ def test_parameters_of_lines_are_those_that_readings_can_see(
 ) -> None:
     tolerances = geometry_tolerances(geometry, 0.3, 1.0, 2.0)
     assert {type(law) for law, _ in tolerances} == set(laws)
-    assert len(tolerances) == (9 if geometry.common_zero else 15)
+    assert len(tolerances) == (9 if geometry.common_zero else 14)
     assert geometry_tolerances(geometry, 0.0, 1.0, 0.0).keys() < tolerances.keys()
     assert not geometry_tolerances(geometry, 0.0, 0.0, 0.0)
 
@@ -111,6 +117,93 @@ def test_without_tolerances_the_same_machine_has_a_name() -> None:
     assert sum(m.weight for m in result.models if m.members) > 0.99
 
 
+def test_no_contact_shows_a_turn_of_all_towers() -> None:
+    """From the last tower it is measured: one of six directions across the towers is no parameter.
+
+    By a simulation of its own.
+    """
+
+    def heights_mm(*round_mm: float) -> FloatArray:
+        parts = replace(PERFECT, round_mm=np.array(round_mm))
+        return np.array([parts.met(BELIEVED, place)[2] for place in RINGS])
+
+    single_mm = heights_mm(0.1, 0.0, 0.0) - heights_mm(0.0, 0.0, 0.0)
+    turned_mm = heights_mm(0.1, 0.1, 0.1) - heights_mm(0.0, 0.0, 0.0)
+    assert np.ptp(turned_mm) < 1e-3 * np.ptp(single_mm)
+    towers = load_machine("linear-delta").geometry()
+    places = [place for law, place in geometry_tolerances(towers, 0.3, 0.0, 0.0)]
+    assert places == ["xr", "xt", "yr", "yt", "zr"]
+
+
+def of_contacts() -> SessionCase:
+    """Contacts of a sound printer, by nothing but noise of 0.01 mm."""
+    towers = load_machine("linear-delta")
+    places = [*product((-60.0, 0.0, 60.0), (-60.0, 0.0, 60.0), (0.0,))] * 2
+    over_plate = tool_conditions(places)
+    return replace(
+        case(SWEEP),
+        model=Model(towers.geometry()),
+        observed=observe(over_plate, np.random.default_rng(3).normal(0.0, 0.01, len(places))),
+        geometry=towers.geometry_tolerances(),
+    )
+
+
+def test_a_bound_rests_on_no_case_of_firmware() -> None:
+    result = posterior([of_contacts()])
+    rest = result.for_bounds
+    assert {model.as_stated for model in result.models} > {*FIRMWARE}
+    assert len(rest.models) == sum(m.as_stated not in FIRMWARE for m in result.models)
+    assert math.fsum(model.weight for model in rest.models) == pytest.approx(1.0)
+    off = ToolOff(result, nothing_entered(result))
+    assert off.bound_mm == ToolOff(rest, off.values).bound_mm
+
+
+def test_a_bound_holds_a_turn_of_all_towers() -> None:
+    """Of three towers off round the plate by s each: their mean is off by s / sqrt(3)."""
+    session = of_contacts()
+    result = posterior([session])
+    radius_mm = np.hypot(*session.model.geometry.anchors[:, :2].T)
+    across_mm = load_machine("linear-delta").across_tolerance_mm
+    turned = across_mm / math.sqrt(3.0) / radius_mm.mean()
+    for model, in_field in zip(result.models, result.models_in_field, strict=True):
+        free = model.as_stated not in ("lines", "lines and bars")
+        assert math.sqrt(in_field.variance(-1)) == pytest.approx(turned * free, rel=1e-9)
+
+
+def test_what_firmware_fits_is_a_case_of_towers_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    statements: list[Stated] = []
+    work_out = Cells.of_all
+
+    def note(cases: Sequence[SessionCase]) -> list[Cells]:
+        statements.append(cases[0].as_stated)
+        return work_out(cases)
+
+    monkeypatch.setattr(Cells, "of_all", note)
+    for session, kept in ((of_lines(0)[0], False), (of_contacts(), True)):
+        statements.clear()
+        posterior([session])
+        assert statements[0] == "nothing"
+        assert {"directions", "lines", "lines and bars"} < {*statements}
+        assert ({*FIRMWARE} <= {*statements}) == kept
+        assert kept or not {*FIRMWARE} & {*statements}
+    assert math.fsum(AS_STATED.values()) == pytest.approx(1.0)
+
+
+def test_bars_of_one_jig_may_be_off_together_alone() -> None:
+    tolerance_mm = np.repeat([1.0, 0.4], 3)
+    session = replace(case(SWEEP), tolerance_mm=tolerance_mm, length_correlation=0.7)
+    alike = np.ones((3, 3))
+    expected: tuple[tuple[Stated, FloatArray], ...] = (
+        ("lines", 0.4**2 * (0.3 * np.eye(3) + 0.7 * alike)),
+        ("directions and single bars", 0.01**2 * np.eye(3) + 0.7 * 0.4**2 * alike),
+        ("directions and bars", 0.01**2 * np.eye(3)),
+        ("lines and bars", 0.01**2 * np.eye(3)),
+    )
+    for stated, bars_mm2 in expected:
+        root = replace(session, as_stated=stated).base_root
+        assert (root @ root.T)[3:, 3:] == pytest.approx(bars_mm2, rel=1e-9, abs=1e-12)
+
+
 def _log_determinant(columns: FloatArray) -> float:
     return float(np.linalg.slogdet(np.eye(len(columns)) + columns @ columns.T)[1])
 
@@ -118,7 +211,7 @@ def _log_determinant(columns: FloatArray) -> float:
 def test_ways_are_weighed_with_what_their_freedom_costs() -> None:
     """The matrix determinant lemma backwards: of rows as they are, no triangle, no basis."""
     session, _ = of_lines(1)
-    for stated in ("nothing", "directions", "lines", "lines and bars"):
+    for stated in get_args(Stated):
         cells = Cells.of(replace(session, as_stated=stated))
         problem = PosteriorProblem.of((cells,), None)
         columns = problem.rows.base * problem.rows.spread

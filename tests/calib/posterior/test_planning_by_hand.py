@@ -298,7 +298,8 @@ def test_the_instrument_is_the_one_that_shows_most_of_what_legs_do_not(
     square_mm2: tuple[float, ...], instrument: str, after_mm2: float
 ) -> None:
     errors = {"aligned": GivenErrors(square_mm2)}
-    outside = planner([], posterior=SimpleNamespace(tool_errors=errors)).outside
+    bounding = SimpleNamespace(tool_errors=errors)
+    outside = planner([], posterior=SimpleNamespace(for_bounds=bounding)).outside
     assert (outside.instrument if outside else "") == instrument
     if outside:
         unseen = sum(square_mm2)

@@ -22,6 +22,7 @@ from calib.hexaslide.procedures import ANGLES, Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
 from calib.hexaslide.simulation import SimulatedHexaSlide, on_link
 from protocols.data_table import NUMBER
+from protocols.dates import Origin
 from protocols.documents import Celsius, Count, Document, Name, Seed, Words, read_toml
 from protocols.hexaslide import (
     MOST_POSTURES,
@@ -39,7 +40,7 @@ from protocols.hexaslide import (
 )
 from protocols.machine_files import beginning_of
 from protocols.record import Record, RecordForm, read_record
-from protocols.session import Closed, Line, Noted, Origin, Skipped, Superseded
+from protocols.session import Closed, Line, Noted, Skipped, Superseded
 
 SessionSchema = Literal[
     "glidecal.hexaslide-session/1",

@@ -173,8 +173,8 @@ class Machine(Document):
     jig, so that they are long or short together;
     ``across_tolerance_mm``, ``lean_tolerance_mrad`` and ``scale_tolerance_mm_m`` the same of where
     the line of a drive lies in each direction across it, of its direction, and of its travel;
-    ``radius_tolerance_mm`` the same of the radius of all towers, where it may be a guess that nobody
-    has measured; 0.4 times that of where each tower stands round the plate;
+    ``radius_tolerance_mm`` the same of the radius of all towers, where it may be a guess that
+    nobody has measured; 0.4 times that of where each tower stands round the plate;
     ``plate_bow_tolerance_mm`` the same of how far a plate that the tool meets is from flat, 100 mm
     from its middle; ``platform_tilt_tolerance_mrad`` of how unequal the two bars of a leg are, in
     parts of their distance: the platform tilts by about so much as it goes out. It acts on a probe

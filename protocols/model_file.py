@@ -250,7 +250,7 @@ def to_model(model: ModelFile, subject: str, effects: Sequence[Effect] = CATALOG
             raise RecordError(f"{subject}, {name}", f"{value:g} mm", requirement)
     values = tuple(model.parameters_mm.get(name, 0.0) for name in PARAMETER_NAMES)
     placed = [placed_effects(entry, effects, geometry, subject) for entry in model.effects]
-    return Model(geometry, values, tuple(effect for effects in placed for effect in effects))
+    return Model(geometry, values, tuple(effect for instances in placed for effect in instances))
 
 
 def sizes_of(model: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> tuple[Size, ...]:

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Literal, Protocol, get_args
+from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, AwareDatetime, Field, TypeAdapter, model_validator
 
 from calib.errors import GlidecalError, RecordError
 from protocols.data_table import Cell, DataTable, Tabled
+from protocols.dates import Origin
 from protocols.documents import (
     Celsius,
     Count,
@@ -29,9 +30,6 @@ from protocols.documents import (
 )
 from protocols.machine import Instrument, Machine
 from protocols.procedure import SLIDING, Leg, Procedure, Step, Touched, position_words
-
-if TYPE_CHECKING:
-    pass
 
 SchemaId = Literal[
     "glidecal.session/1",
@@ -71,59 +69,6 @@ class Line(Document):
     previous: str = FIRST_DIGEST
     at: AwareDatetime = Field(default_factory=local_now)
     seal: str = ""
-
-
-Origin = Literal["measured", "simulated", "imported"]
-
-
-class Beginning(Protocol):
-    """The first line of a record."""
-
-    @property
-    def at(self) -> datetime:
-        """When it was written."""
-
-    @property
-    def origin(self) -> Origin:
-        """Where the readings are from."""
-
-    @property
-    def measured_on(self) -> date | None:
-        """The day that is stated of an imported table."""
-
-
-def measured_at(opened: Beginning) -> datetime:
-    """When it was measured: of an imported table the stated day, else when it was imported."""
-    day = opened.measured_on
-    return datetime(day.year, day.month, day.day, tzinfo=UTC) if day else opened.at
-
-
-def is_dated(opened: Beginning) -> bool:
-    """Whether it is known when it was measured."""
-    return opened.origin != "imported" or opened.measured_on is not None
-
-
-def measured_words(opened: Beginning, form: str = "%Y-%m-%d") -> str:
-    """When it was measured in this form; of an imported table the day, or that nobody stated it."""
-    recorded = format(opened.at, form)
-    if opened.origin != "imported":
-        return recorded
-    return f"{opened.measured_on or 'not stated'}, imported {recorded}"
-
-
-def measured_days(opened: Beginning, readings: Iterable[Line]) -> tuple[date, date]:
-    """The day when the session began, and that of its last reading; of a table the day of all."""
-    first = measured_at(opened).date()
-    if opened.origin == "imported":
-        return first, first
-    return first, max([first, *(reading.at.date() for reading in readings)])
-
-
-def day_words(opened: Beginning, readings: Iterable[Line]) -> str:
-    """The days when it was measured; where nobody stated it, the day of the import."""
-    if not is_dated(opened):
-        return measured_words(opened)
-    return " to ".join(f"{day}" for day in dict.fromkeys(measured_days(opened, readings)))
 
 
 def _beside(name: str) -> str:
@@ -433,8 +378,8 @@ class Session(Tabled):
     ``readings`` are those that count, in the order taken; ``superseded`` maps the numbers of the
     others to the reason, ``restored`` the numbers of those that count again, ``skipped`` the
     numbers of the steps that are left out; ``notes`` are the remarks made on the way,
-    ``distances`` those between marks since the last change of the machine. ``name`` and
-    ``digest`` are those of its record, empty where it has none.
+    ``distances`` those between marks since the last change of the machine. A ``closed`` one is not
+    continued. ``name`` and ``digest`` are those of its record, empty where it has none.
     """
 
     opened: Opened
@@ -448,6 +393,7 @@ class Session(Tabled):
     notes: tuple[str, ...] = ()
     changes: tuple[Changed, ...] = ()
     distances: tuple[Distance, ...] = ()
+    closed: bool = False
     name: str = ""
     digest: str = ""
 
@@ -619,6 +565,7 @@ def fold(events: Iterable[Event]) -> Session:
         tuple(notes),
         tuple(changes),
         _distances(every),
+        closed=isinstance(every[-1], Closed),
     )
 
 

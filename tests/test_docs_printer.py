@@ -16,7 +16,7 @@ from app.report.text.session import step_text
 from protocols.procedure import Step
 from protocols.record import read_record
 from tests.app.cli import glidecal, refused
-from tests.app.exports import test_towers as true
+from tests.app.exports import upright_towers as true
 from tests.blind.linear_delta import places
 from tests.blind.printers import errors, fitted, turn_free
 from tests.conftest import LONG, ROOT

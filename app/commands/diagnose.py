@@ -40,8 +40,6 @@ def _of_own_form(
         raise UsageError(wrong, f"session {sessions[0]}", "sessions of indicators on legs")
     if len(sessions) > 1:
         raise UsageError("diagnose", f"{len(sessions)} sessions", "one of this kind of machine")
-    if request.candidate and not request.adopt:
-        raise UsageError("--candidate", "no --adopt", "--adopt with the model to write")
     is_extended = request.adopt == request.model
     may = is_extended or may_replace(request.replace, request.adopt)
     answer = verbs.diagnosed(sessions[0], replace(request, replace=may), say)
@@ -49,10 +47,8 @@ def _of_own_form(
     return True
 
 
-OF_INDICATORS = (
-    *("aliases", "correct", "held_out"),
-    *("next_procedure", "procedure", "machine"),
-)
+OF_ALIASES = ("procedure", "machine")
+OF_INDICATORS = ("aliases", "correct", "held_out", "next_procedure", *OF_ALIASES)
 
 
 def diagnose(
@@ -88,6 +84,7 @@ def diagnose(
 ) -> None:
     """What is missing in the model, and where it shows. The gap before and after."""
     request = Diagnosing(model, adopt, candidate, force)
+    _refuse_idle(context, sessions, request, aliases=aliases)
     if sessions and _of_own_form(context, sessions, request, as_json=as_json):
         return
     from app.evaluating import diagnosis as evaluated
@@ -121,6 +118,18 @@ def diagnose(
         evaluated.correct(diagnosed, sessions[0], correct)
         say(f"corrected session written: {correct}")
     _show(diagnosed, adopted, further=bool(next_procedure), as_json=as_json)
+
+
+def _refuse_idle(
+    context: typer.Context, sessions: list[Path] | None, request: Diagnosing, *, aliases: bool
+) -> None:
+    """Raises UsageError for what would do nothing beside the other options."""
+    if request.candidate and not request.adopt:
+        raise UsageError("--candidate", "no --adopt", "--adopt with the model to write")
+    if aliases and sessions:
+        raise UsageError("--aliases", f"session {sessions[0]}", "no session: a procedure is enough")
+    if not aliases and (idle := typed(context, OF_ALIASES)):
+        raise UsageError(idle, "no --aliases", "--aliases, without a session")
 
 
 def _show(

@@ -16,10 +16,10 @@ from calib.identify.accuracy import Decision
 from calib.identify.solution import Solution
 from calib.quantity import INTERNAL, Quantity
 from calib.tripod.geometry import PARAMETER_NAMES
+from protocols.dates import is_dated, measured_at
 from protocols.machine import Machine
 from protocols.observations import changed_between
 from protocols.record import Record, read_record
-from protocols.session import is_dated, measured_at
 
 
 @dataclass(frozen=True)

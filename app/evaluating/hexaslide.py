@@ -17,10 +17,10 @@ from app.evaluating.hexaslide_calibration import (
 from app.evaluating.posture_history import PostureEntry
 from calib.diagnosis.hexaslide import HexaSlideDiagnosis, diagnosis_from
 from calib.errors import CalibrationError, GlidecalError
+from protocols.dates import measured_at
 from protocols.hexaslide import HexaSlideMeasurements
 from protocols.hexaslide_session import PostureSession, read_postures
 from protocols.record import Record
-from protocols.session import measured_at
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,9 @@ from datetime import datetime
 from pathlib import Path
 
 from calib.errors import RecordError
+from protocols.dates import measured_at
 from protocols.record import Record, read_record
-from protocols.session import Session, measured_at
+from protocols.session import Session
 from protocols.table import off_bar_words
 
 
@@ -57,9 +58,8 @@ def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
         back = session.time_goes_back()
         if back:
             warnings.append(
-                f"{session.name}: time_s goes back at reading {back.reading}: the clock was "
-                "set. Its "
-                "times are not used, so drift with time cannot be computed."
+                f"{session.name}: time_s goes back at reading {back.reading}: the clock was set. "
+                "Its times are not used, so drift with time cannot be computed."
             )
         if off_bar := off_bar_words(session.readings, session.opened.machine.geometry()):
             warnings.append(

@@ -11,9 +11,9 @@ from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from pydantic import AwareDatetime
 
+from protocols.dates import Origin
 from protocols.documents import Document
 
-Origin = Literal["measured", "simulated", "imported"]
 Decision = Literal["pass", "fail", "undecided"]
 
 

@@ -464,14 +464,14 @@ def solve_sessions(
         tolerance_mm=machine.tolerances_mm(),
         sizes=sizes,
     )
-    subset_or_usual = subset or choice.usual
+    view = subset or choice.usual
     corrections = ControllerCorrections.of_sessions(sessions, start, frame, free=free)
-    solved = SessionSolution(tuple(sessions), observed, choice, subset_or_usual, corrections, holds)
+    solved = SessionSolution(tuple(sessions), observed, choice, view, corrections, holds)
     if model is not None:
         from protocols.model_file import ambiguous_effects, held_sizes
 
         solved = replace(solved, ambiguous=ambiguous_effects(model), held=held_sizes(model))
-    return solved.with_subset(subset_or_usual)
+    return solved.with_subset(view)
 
 
 def correct_session(session: Session) -> SessionCorrection:

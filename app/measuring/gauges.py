@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Literal
 
-from app.measuring.indicators import adapter_at, indicator_words
+from app.measuring.indicators import adapter_at, check_request, indicator_words
 from drivers.line import IndicatorLine
 from drivers.profile import Fault, IndicatorReading, Outcome, Profile, Query
 from protocols.machine import Instrument
@@ -127,8 +127,9 @@ class Gauge:
     def go_on_at(self, port: str) -> None:
         """The indicator is at another port now. Raises IndicatorError where that does not open.
 
-        Then it stays where it was.
+        Then it stays where it was. Raises UsageError as `check_request`.
         """
+        check_request(self.profile, port)
         line = self._line_at(port)
         line.start()
         before, self._line, self.port = self._line, line, port

@@ -21,7 +21,7 @@ from calib.errors import GlidecalError, RecordError, UsageError
 from drivers.port import check_port
 from drivers.profile import Profile, Query, Unit
 from drivers.profiles import profile_named
-from drivers.profiles.ascii_line import ascii_line
+from drivers.profiles.ascii_line import ASCII_LINE, ascii_line
 from protocols.documents import Document, Name, Words, describe, read_remembered
 from protocols.files import write_files
 from protocols.machine import Instrument, Machine
@@ -278,6 +278,12 @@ def _request_faults(instrument: Instrument) -> list[str]:
     if not OWN_REQUEST.fullmatch(request):
         return [f"request {request!r:.60}, not one line of at most 32 plain characters"]
     return []
+
+
+def check_request(profile: Profile, port: str) -> None:
+    """Raises UsageError for a request of one's own to what is no serial port."""
+    if profile.name == ASCII_LINE.name and profile.request is not None and "://" in port:
+        raise UsageError(f"port of profile {profile.name} with a request", port, "a serial port")
 
 
 def from_file(instruments: Sequence[Instrument], source: str) -> tuple[Instrument, ...]:

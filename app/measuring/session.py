@@ -429,8 +429,7 @@ class GuidedSession:
     def go_on_at(self, number: int, port: str) -> None:
         """An indicator, counted from 0, is at another port now; noted in the record.
 
-        Raises UsageError for the port of another indicator, IndicatorError where it does not open,
-        RecordError.
+        Raises UsageError for the port of another indicator, as `Gauge.go_on_at`, and RecordError.
         """
         ports_beside = [gauge.port for k, gauge in enumerate(self.gauges) if k != number]
         if port in ports_beside:

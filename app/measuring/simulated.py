@@ -261,7 +261,7 @@ def short_travels(
             moved_mm = excursion_mm(geometry, tolerance_mm, mounting, at, tilt)
             where += "over the plane" if first.over_plane else f"station {first.station:g}"
             travels.append((instrument, moved_mm, where))
-        worst = descending(travels, lambda instrument_axes: instrument_axes[1])[0]
+        worst = descending(travels, lambda travel: travel[1])[0]
         if instrument.travel_mm is not None and worst[1] > instrument.travel_mm:
             short.append(worst)
     return short

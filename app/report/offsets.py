@@ -31,10 +31,10 @@ from calib.quantity import rows
 from calib.tripod.controller import ControllerJoints
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model, StageEffect
+from protocols.dates import measured_words
 from protocols.files import Written
 from protocols.machine import Frame, Machine
 from protocols.model_file import ambiguity, ambiguous_effects, is_model, read_model_file, to_model
-from protocols.session import measured_words
 
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 

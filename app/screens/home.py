@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from textual.app import ComposeResult
 from textual.screen import Screen
@@ -21,6 +21,9 @@ from app.report.text.errand import SessionChoice, plan_to_go_on
 from app.screens import Look, look_of
 from app.screens.interface import MainScreen, once, screen_of
 from app.screens.pages import apart
+
+if TYPE_CHECKING:
+    from app.screens.result import ResultScreen
 
 Shown = TypeVar("Shown", bound=Screen[Any])
 
@@ -115,8 +118,10 @@ class HomeScreen(MainScreen[None]):
         return screen_of("check.CheckScreen", watched_plan(recorded.DEMO_FOLDER))
 
 
-def _result(path: Path, read_only: bool) -> Any:  # noqa: ANN401 (a `ResultScreen`, not loaded yet)
-    screen: Any = screen_of("result.result_of", [path], verified=not read_only)
+def _result(path: Path, read_only: bool) -> ResultScreen:
+    from app.screens.result import result_of
+
+    screen = result_of([path], verified=not read_only)
     screen.solved.work_out()
     return screen
 

@@ -63,8 +63,8 @@ class PagedScreen(MainScreen[ScreenResultType]):
             Binding(f"{n}", f"turn_to({n})", f"Page {n}", show=False, id=f"page.{n}")
             for n in range(1, 10)
         ),
-        Binding("tab,right", "turn('next')", "Next page", show=False, id="page.next"),
-        Binding("shift+tab,left", "turn('previous')", "Page before", show=False, id="page.before"),
+        Binding("tab,right", "turn(1)", "Next page", show=False, id="page.next"),
+        Binding("shift+tab,left", "turn(-1)", "Page before", show=False, id="page.before"),
         Binding("y", "copy", "Copy", show=False, id="page.copy"),
         Binding("escape", "back", "Back", id="page.back"),
     ]
@@ -184,8 +184,12 @@ class PagedScreen(MainScreen[ScreenResultType]):
         if number <= len(self.pages):
             self.action_show_page(self.pages[number - 1].name)
 
-    def action_turn(self, to: str) -> None:
-        getattr(self.query_one(Tabs), f"action_{to}_tab")()
+    def action_turn(self, by: int) -> None:
+        tabs = self.query_one(Tabs)
+        if by > 0:
+            tabs.action_next_tab()
+        else:
+            tabs.action_previous_tab()
 
     def action_back(self) -> None:
         self.app.action_go_back()

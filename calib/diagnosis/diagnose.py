@@ -39,8 +39,8 @@ from calib.diagnosis.results import (
 from calib.diagnosis.thresholds import EVEN, MISSING
 from calib.errors import CalibrationError
 from calib.noise.reading import still_rows
+from calib.posterior.apart import Mistake
 from calib.posterior.cells import Cells, SessionCase
-from calib.posterior.labels import Mistake
 from calib.posterior.models import Posterior
 from calib.posterior.race import LOG_CAUSES, LOG_SCALES, SCALES
 from calib.posterior.readings import LENGTHS

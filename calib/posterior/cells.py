@@ -126,10 +126,10 @@ class SessionCase:
     of the model that are ``free``, laws at places, have other sizes than it states. ``geometry``
     are parameters of the drives' lines, laws at places, with their standard deviations;
     ``radius_mm`` is that of the radius of all towers, where it may be a guess; each then stands
-    elsewhere round the plate, too (`ROUND_GUESSED`). What is ``as_stated`` is as the model has it, but for what has a name.
-    Joint offsets of sessions of the same ``state`` of the machine differ by what was
-    ``entered_mm`` and by what homing changes, ``homing_mm``; None: they are no other session's.
-    ``distances`` between marks were measured beside the readings.
+    elsewhere round the plate, too (`ROUND_GUESSED`). What is ``as_stated`` is as the model has it,
+    but for what has a name. Joint offsets of sessions of the same ``state`` of the machine differ
+    by what was ``entered_mm`` and by what homing changes, ``homing_mm``; None: they are no other
+    session's. ``distances`` between marks were measured beside the readings.
     """
 
     model: Model

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import TOUCHED_LETTERS, FloatArray, IntArray, numbered
-from calib.posterior.cells import FINEST_MM, Cells
-from calib.posterior.labels import (
+from calib.posterior.apart import (
     LEAST,
     LOG_RANGE,
     Mistake,
     first_take_words,
     standing_apart,
 )
+from calib.posterior.cells import FINEST_MM, Cells
 from calib.posterior.library import Component
 from calib.posterior.models import Weighted
 from calib.posterior.race import SCALES

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.arrays import BLIND, FloatArray, IntArray
+from calib.posterior.apart import Mistake
 from calib.posterior.cells import FIRMWARE, FREE_LAWS, Cells, Stated
-from calib.posterior.labels import Mistake
 from calib.posterior.library import OTHER_BARS, Component
 from calib.posterior.readings import LENGTHS, Placed, Rows
 from calib.posterior.tool import FRAMES, RIGID, Frame, ToolField

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -152,6 +153,16 @@ def test_every_top_level_package_is_in_the_contract() -> None:
     around = {"tests", "benchmarks", "studies"}
     packages = {p.parent.name for p in ROOT.glob("*/__init__.py")} - around
     assert packages == layers == set(linter["root_packages"]) == {*ROOMS, "glidecal"}
+
+
+def test_every_screen_that_is_opened_by_its_name_is_there() -> None:
+    """`screen_of` loads them by name, which no type checker sees."""
+    opened = re.compile(r'screen_of[(,]\s*"(\w+)\.(\w+)"')
+    code = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "app").rglob("*.py"))
+    names = set(opened.findall(code))
+    assert ("home", "HomeScreen") in names
+    for module, kind in names:
+        assert callable(getattr(import_module(f"app.screens.{module}"), kind))
 
 
 def test_help_imports_nothing_heavy() -> None:

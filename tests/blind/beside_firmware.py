@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.app.exports.test_towers import rms
+from tests.app.exports.upright_towers import rms
 from tests.blind.plates import CYCLES, Knowing, heights, prior_of, slopes, tool
 from tests.blind.printers import CASES, FloatArray, any_printer, calibrated, contacts, turn_free
 

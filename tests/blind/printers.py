@@ -23,7 +23,7 @@ from scipy.optimize import least_squares
 from protocols.machine import Machine, machine_text
 from protocols.printers.tower_printer import Contact, TowerPrinter
 from tests.app.cli import glidecal
-from tests.app.exports.test_towers import TURN_MM, comments, klipper, outward, rms
+from tests.app.exports.upright_towers import TURN_MM, comments, klipper, outward, rms
 
 FloatArray = NDArray[np.float64]
 Firmware = Callable[[FloatArray], FloatArray]

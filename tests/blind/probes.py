@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from protocols.machine import Machine
-from tests.app.exports.test_towers import outward
+from tests.app.exports.upright_towers import outward
 from tests.blind.printers import (
     ANGLES,
     BAR,

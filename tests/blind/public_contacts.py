@@ -26,7 +26,7 @@ from scipy.optimize import least_squares
 from protocols.machine import machine_text
 from protocols.printers.tower_printer import Contact, TowerPrinter
 from tests.app.cli import run_here
-from tests.app.exports.test_towers import TURN_MM, klipper
+from tests.app.exports.upright_towers import TURN_MM, klipper
 from tests.blind.printers import Firmware, FloatArray, firmware, fitted
 from tests.conftest import ROOT
 

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.app.exports.test_towers import outward
+from tests.app.exports.upright_towers import outward
 from tests.blind.printers import FloatArray
 from tests.blind.public_contacts import Fit, Printer, rms
 

@@ -9,7 +9,7 @@ import pytest
 
 from protocols.printers.imported import imported_printer
 from tests.app.cli import glidecal
-from tests.app.exports import test_towers as true
+from tests.app.exports import upright_towers as true
 from tests.blind import printers
 from tests.conftest import LONG
 from tests.firmware.klipper import (

@@ -153,8 +153,8 @@ class Canvas:
         marked = zip(marks_of(chart.series, MARKERS), chart.series, strict=True)
         legend = "   ".join(f"{marker} {series.name}" for marker, series in marked if series.name)
         legend_line = f"{chart.x_words}   {legend}" if chart.x_words else legend
-        legend_lines = legend_line if len(legend_line) <= room else legend
-        return legend_lines if len(legend_lines) <= room else legend_lines[: room - len(CUT)] + CUT
+        line = legend_line if len(legend_line) <= room else legend
+        return line if len(line) <= room else line[: room - len(CUT)] + CUT
 
     def _scale_upright(self, chart: Chart) -> None:
         plot, ticks = self.plot, chart.y_ticks()

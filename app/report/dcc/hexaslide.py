@@ -16,10 +16,10 @@ from app.report.dcc.document import (
 from app.report.hexaslide_certificate import CertifiedPostures
 from app.report.schema.hexaslide import HexaSlideCalibrationReport, PlatformReport
 from app.report.text.hexaslide_diagnosis import verdict_words
+from protocols.dates import is_dated, measured_days
 from protocols.hexaslide import HexaSlideMachine, machine_like
 from protocols.hexaslide_session import PostureSession
 from protocols.record import Record
-from protocols.session import is_dated, measured_days
 
 THOUSANDTHS = {"m": UNITS["mm"], "rad": UNITS["mrad"]}
 NOT_ALONE = (

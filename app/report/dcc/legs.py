@@ -17,7 +17,8 @@ from app.report.dcc.document import (
 from app.report.text.correction import FREE_WORDS, frames_of
 from calib.arrays import LEG_NAMES
 from calib.posterior.tool import Frame
-from protocols.session import Session, is_dated, measured_days
+from protocols.dates import is_dated, measured_days
+from protocols.session import Session
 
 
 def contents_of(calibration: CertifiedCalibration) -> CertificateContents:

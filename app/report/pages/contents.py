@@ -75,10 +75,11 @@ from calib.diagnosis.results import Diagnosis
 from calib.diagnosis.vectors import vector_maps
 from calib.identify.solution import Solution
 from calib.printable import printable
+from protocols.dates import measured_words
 from protocols.machine import Machine
 from protocols.model_file import read_model_file
 from protocols.procedure import Step
-from protocols.session import Reading, Session, measured_words
+from protocols.session import Reading, Session
 
 
 @dataclass(frozen=True)

@@ -34,9 +34,9 @@ from app.report.text.hexaslide_diagnosis import diagnosis_parts, verdict_words
 from app.report.text.hexaslide_session import readings_table, remark_lines
 from app.report.text.tables import new_table, signed
 from app.version import program
+from protocols.dates import day_words
 from protocols.hexaslide import Chain, HexaSlideMachine, machine_like
 from protocols.hexaslide_session import PostureSession
-from protocols.session import day_words
 
 if TYPE_CHECKING:  # of a digital certificate alone
     from app.report.dcc.document import CertificateContents

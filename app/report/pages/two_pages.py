@@ -25,7 +25,7 @@ from app.report.text.result import DECISION_RULE, decided, offsets_table, what_t
 from app.report.text.tables import new_table
 from calib.printable import printable
 from protocols.certificate import InstrumentIdentity
-from protocols.session import day_words
+from protocols.dates import day_words
 
 LONGEST, LONGEST_ENTRY, LONGEST_CELL = 220, 60, 28
 """Letters of a sentence, an entry and a narrow cell on these pages; the annex has the whole."""

@@ -49,8 +49,9 @@ from calib.posterior.correction import Holds, LeftOut
 from calib.posterior.models import LikelyMistake
 from calib.quantity import rows
 from calib.tripod.workspace import PlaneMap
+from protocols.dates import measured_at
 from protocols.machine import Frame, Instrument
-from protocols.session import Session, measured_at
+from protocols.session import Session
 
 
 class Covariance(Report):

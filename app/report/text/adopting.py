@@ -55,7 +55,7 @@ class Adopting:
         return self.model is not None and read_model_file(self.model) != self._model_file
 
     async def adopt(self, diagnosed: SessionDiagnosis) -> bool:
-        """What was named, or what shares the rest with others; or a mistake is corrected."""
+        """A person chooses names, the rest or a candidate; or a mistake is corrected."""
         choices = texts.adopt_choices(diagnosed)
         answer = await self.person.choice(texts.WHAT_TO_ADOPT, choices)
         if answer == texts.CORRECT:

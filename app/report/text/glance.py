@@ -78,6 +78,9 @@ def next_text(
     solved: SessionSolution, actions: Collection[Done], *, exports: bool, measures: bool
 ) -> str:
     """What to do next with this result; nothing where nothing can be done from here."""
+    session = solved.sessions[-1]
+    if exports and not session.closed and session.next_step() is not None:
+        return CONTINUE
     if solved.lacks_something and not {*actions} - {Done.REPORTED}:
         return "Next: {result.diagnose} looks for what is missing from the model."
     if not exports:
@@ -91,6 +94,7 @@ def next_text(
     return "Next: {result.export} writes these values as files for the controller."
 
 
+CONTINUE = "Next: measure the remaining steps. Home offers to continue this session."
 AGAIN = "then {result.verify} measures again and compares."
 REPORT = "{result.report} writes the report to sign."
 PRINT = "print the report and sign it."

@@ -143,7 +143,7 @@ def postures_text(optimum: ChosenPostures) -> str:
         ("tool error from noise, r.m.s. mm", "tool_mm"),
         ("minutes with set-up", "minutes"),
     ):
-        values = (getattr(posture_value, kind) for posture_value in (optimum.before, optimum.after))
+        values = (getattr(figure, kind) for figure in (optimum.before, optimum.after))
         figures.add_row(name, *("not identifiable" if v is None else f"{v:.4g}" for v in values))
     names = list(optimum.postures[0])
     table = new_table(*(name.replace("_mm", ", mm") for name in names))

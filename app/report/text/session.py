@@ -90,10 +90,7 @@ def taken_text(step_taken: TakenStep) -> str:
 def not_taken_text(faults: Sequence[Fault]) -> str:
     """Why readings of a step were not taken."""
     first, *more_faults = (sentence(fault.words) for fault in faults)
-    words = [
-        first,
-        *(words_of_fault[0].upper() + words_of_fault[1:] for words_of_fault in more_faults),
-    ]
+    words = [first, *(text[0].upper() + text[1:] for text in more_faults)]
     return f"Not taken: {' '.join(words)}"
 
 

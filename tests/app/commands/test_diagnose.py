@@ -168,6 +168,14 @@ def test_a_session_on_both_sides_is_refused(tmp_path: Path, samples: Path) -> No
     assert "also diagnosed" in refused(2, "diagnose", session, "--held-out", copy)
 
 
+def test_options_that_do_nothing_here_are_refused(samples: Path) -> None:
+    session = samples / "simulated_sweep.jsonl"
+    assert "--adopt" in refused(2, "diagnose", session, "--candidate", "backlash")
+    message = refused(2, "diagnose", session, "--procedure", "sweep", "--machine", "linear-delta")
+    assert "--procedure and --machine: found no --aliases" in message
+    assert "no session" in refused(2, "diagnose", session, "--aliases")
+
+
 def test_nothing_to_adopt_and_unknown_candidates(tmp_path: Path, samples: Path) -> None:
     session = samples / "simulated_sweep.jsonl"
     target = tmp_path / "m.json"

@@ -20,7 +20,7 @@ from app.exports import export_offsets
 from app.report.text.glance import glance_text
 from protocols.machine import load_machine, machine_text
 from tests.app.cli import glidecal
-from tests.app.exports.test_towers import comments
+from tests.app.exports.upright_towers import comments
 from tests.app.report.certificates import report_of
 from tests.blind.printers import RINGS, any_printer, contacts, machine
 
@@ -130,12 +130,8 @@ def printer_differences(path: Path) -> list[str]:
     text = (path.with_suffix("") / "klipper.cfg").read_text()
     rows = [line.split() for line in page.splitlines()]
     towers = [row for row in rows if row[:1] and row[0] in ("tower", "a", "b", "c")]
-    figures_of_towers = [
-        [float(word) for word in row if re.fullmatch(r"\d+\.\d+", word)] for row in towers
-    ]
-    figures_of_towers = [
-        figures for figures in figures_of_towers if figures
-    ]  # a sentence may begin so, too
+    numbers = [[float(word) for word in row if re.fullmatch(r"\d+\.\d+", word)] for row in towers]
+    figures_of_towers = [figures for figures in numbers if figures]  # a sentence may begin so, too
     keys = ("position_endstop", "arm_length", "angle")
     by_key = [re.findall(rf"^{key}: ([\d.]+)", text, re.M) for key in keys]
     messages = []

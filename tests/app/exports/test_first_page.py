@@ -73,6 +73,17 @@ def test_what_is_not_to_be_entered_is_not_added(
         assert helps or "{result.report}" not in reported, "it is written"
 
 
+def test_a_session_that_is_not_finished_is_continued_first(samples: Path, tmp_path: Path) -> None:
+    lines = (samples / "simulated_zero-max-min.jsonl").read_text(encoding="utf-8").splitlines(True)
+    for name, count, continued in (("cut", 20, True), ("open", -1, False)):
+        path = tmp_path / f"{name}.jsonl"
+        path.write_text("".join(lines[:count]), encoding="utf-8")
+        interrupted = solve_files([path])
+        words = next_text(interrupted, (), exports=True, measures=True)
+        assert words.startswith("Next: measure the remaining steps") == continued
+        assert "remaining" not in next_text(interrupted, (), exports=False, measures=True)
+
+
 def test_more_than_offsets_is_proposed_where_it_leaves_clearly_less(tmp_path: Path) -> None:
     """Not of a sound machine whose kinematics would leave 0.0064 instead of 0.0069 mm."""
     play = {"play": ParameterEntry(value=0.1, unit="mm")}

@@ -1,8 +1,8 @@
 """From contacts of a printer to files for every firmware: the height of the plate stays.
 
-The firmwares are those of `test_towers`, written from their formulas. `met` asks one of them where
-it believes to be with the carriages of a contact, so that contacts of a real printer, whose truth
-nobody knows, judge a file too: the plate must be where it was, and more even.
+The firmwares are those of `upright_towers`, written from their formulas. `met` asks one of them
+where it believes to be with the carriages of a contact, so that contacts of a real printer, whose
+truth nobody knows, judge a file too: the plate must be where it was, and more even.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ import numpy as np
 import pytest
 
 from tests.app.cli import glidecal, refused
-from tests.app.exports import test_towers as true
+from tests.app.exports import upright_towers as true
 from tests.conftest import first_quick
+from tests.protocols.printers.answers import TEN, m503, real_eeprom
 from tests.protocols.printers.printers import printer_cfg
-from tests.protocols.printers.test_firmwares import TEN, m503, real_eeprom
 
 MIDDLE = np.zeros(3)
 WITHIN_MM = 0.05

@@ -1,6 +1,6 @@
 """Plates in the guided session: positions in the place of legs, one indicator at the tool.
 
-The machine behind the indicators is that of `tests.app.exports.test_towers`, written from the
+The machine behind the indicators is that of `tests.app.exports.upright_towers`, written from the
 geometry; the indicators answer over real serial connections.
 """
 
@@ -35,7 +35,7 @@ from protocols.procedure import Procedure, Step, load_procedure
 from protocols.record import read_record
 from protocols.session import fold
 from tests.app.cli import glidecal
-from tests.app.exports.test_towers import BELIEVED, Hidden, errors, klipper, rms
+from tests.app.exports.upright_towers import BELIEVED, Hidden, errors, klipper, rms
 from tests.conftest import LONG
 
 MACHINE = load_machine("linear-delta")

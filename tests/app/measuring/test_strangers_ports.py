@@ -11,7 +11,14 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from app.measuring.indicators import check_indicators, from_file, parse_indicator, this_computer
+from app.measuring.gauges import Gauge
+from app.measuring.indicators import (
+    check_indicators,
+    from_file,
+    parse_indicator,
+    profile_of,
+    this_computer,
+)
 from app.measuring.opening import opened_event
 from app.measuring.plan import PortsUnknown, plan_to_continue
 from app.screens.check import CheckScreen
@@ -19,6 +26,7 @@ from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, Glidecal, TextDialog
 from calib.errors import IndicatorError, UsageError
 from drivers.port import open_port
+from drivers.profile import Query
 from drivers.profiles import profile_named
 from protocols.journal import Journal
 from protocols.machine import Instrument
@@ -146,6 +154,19 @@ def test_a_request_of_ones_own_is_one_short_line_to_a_serial_port(
     else:
         with pytest.raises(UsageError, match="request"):
             check_indicators([instrument])
+
+
+def test_a_request_of_ones_own_goes_to_no_socket_that_is_typed_later() -> None:
+    pattern, request = r"(?P<number>\d+\.\d+)", "FLUSHALL\r\n"
+    instrument = Instrument(profile="ascii-line", port="COM5", pattern=pattern, request=request)
+    gauge = Gauge(profile_of(instrument), "COM5", Query(), window_s=1.0, tolerance_mm=0.004)
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        listening.settimeout(0.2)
+        with pytest.raises(UsageError, match="Allowed: a serial port"):
+            gauge.go_on_at(f"socket://127.0.0.1:{listening.getsockname()[1]}")
+        with pytest.raises(TimeoutError):
+            listening.accept()
+    assert gauge.port == "COM5"
 
 
 def begun(folder: Path, ports: Sequence[str], computer: str | None) -> Path:

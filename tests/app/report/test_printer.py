@@ -16,7 +16,7 @@ from calib.tripod.effects.bars import GravitySag, LegLength
 from calib.tripod.effects.drives import ActuatorScale, AxisOffset, AxisSquareness, Backlash
 from calib.tripod.effects.effect import EffectInstance
 from tests.app.cli import glidecal
-from tests.app.exports import test_towers as true
+from tests.app.exports import upright_towers as true
 from tests.app.exports.test_imported_printers import (
     REAL_NOW,
     REAL_READ,
@@ -26,8 +26,8 @@ from tests.app.exports.test_imported_printers import (
 )
 from tests.app.report.test_schemas import kept
 from tests.conftest import LONG
+from tests.protocols.printers.answers import m503, real_eeprom
 from tests.protocols.printers.printers import printer_cfg
-from tests.protocols.printers.test_firmwares import m503, real_eeprom
 
 TOWERS = {"x": "a", "y": "b", "z": "c"}
 SWITCHES = (0.4, -0.3, 0.2)

@@ -12,6 +12,7 @@ from calib.design import identifiability
 from calib.diagnosis import claims, gap, thresholds
 from calib.noise import display, repeats, serial
 from calib.posterior import (
+    apart,
     cells,
     correction,
     first_takes,
@@ -126,8 +127,8 @@ def test_the_theory_states_them(words: str) -> None:
         (
             "`LEAST_CHANGED`",
             f"{labels.LEAST_CHANGED:g} σ; {repeats.DISAGREES:g}, "
-            f"slip {labels.LEAST['stand_slip']:g}, "
-            f"first take {labels.LEAST['first_take']:g} σ of a reading",
+            f"slip {apart.LEAST['stand_slip']:g}, "
+            f"first take {apart.LEAST['first_take']:g} σ of a reading",
         ),
         ("`KEPT`", f"{tool_errors.KEPT:g} of the posterior"),
         ("`EVEN`, `LARGE`", f"{correction.EVEN:g}; {correction.LARGE:g} of the mean square"),

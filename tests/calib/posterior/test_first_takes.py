@@ -10,9 +10,9 @@ import pytest
 from scipy.stats import norm
 
 from calib.arrays import IntArray, Observations
+from calib.posterior.apart import LOG_RANGE
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.first_takes import WITHIN, WithinPlay, first_takes_apart
-from calib.posterior.labels import LOG_RANGE
 from calib.posterior.library import library
 from calib.posterior.posterior import posterior
 from calib.posterior.race import SCALES

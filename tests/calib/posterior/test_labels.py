@@ -9,8 +9,9 @@ import pytest
 
 from calib.arrays import FloatArray, IntArray, Observations
 from calib.noise.reading import IndicatorFigures
+from calib.posterior.apart import PRIOR, single_readings
 from calib.posterior.cells import Cells, SessionCase
-from calib.posterior.labels import PRIOR, MovedReadings, single_readings
+from calib.posterior.labels import MovedReadings
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
 from calib.posterior.problem import PosteriorProblem

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import time
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, cast
@@ -17,7 +16,7 @@ from calib.arrays import Conditions, FloatArray, conditions, incidence, tool_con
 from calib.errors import UnreachablePosture
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE, drives
 from calib.tripod.effects.bars import pull_of_weight
-from calib.tripod.effects.candidates import Candidate, candidates, invisible
+from calib.tripod.effects.candidates import candidates
 from calib.tripod.effects.contract import fault_of
 from calib.tripod.effects.drives import (
     STANDARD_LEADS_MM,
@@ -40,20 +39,10 @@ from protocols.machine import Machine
 from protocols.observations import to_observations
 from protocols.procedure import load_procedure
 from protocols.session import Event, fold
-from tests.builders import postures
+from tests.calib.tripod.laws import EVERY, OFF, TAKEN, effect
 from tests.tripods import DELTA, TRIPODS
 
 L = 310.25
-OFF = (1.2, -0.7, 0.4, 0.05, -0.02, 0.03)
-
-
-def walked(levels: tuple[float, ...] = (0, 22, 60, 22, 0, -37, -100, -37, 0)) -> Conditions:
-    """Every leg and axis over a path, with directions, times and temperatures."""
-    plan = postures(levels, repeats=2)
-    rows = np.arange(len(plan)).astype(np.float64)
-    moved = np.sign(np.diff(plan.displacement_mm, prepend=0.0))
-    moved[np.diff(plan.mount, prepend=-1) != 0] = 0.0
-    return replace(plan, approach=moved, time_s=rows * 20.0, temperature_c=21.0 + rows * 0.01)
 
 
 def on_plate() -> Conditions:
@@ -67,12 +56,10 @@ def on_plate() -> Conditions:
     return replace(plan, time_s=rows * 20.0, temperature_c=21.0 + rows * 0.01)
 
 
-TAKEN = walked()
 PLATE = on_plate()
 CONTACTS = replace(PLATE, contact=np.ones(len(PLATE), dtype=np.bool_))
 PROBED = replace(CONTACTS, beside_mm=np.tile([25.0, -10.0, 0.0], (len(PLATE), 1)))
 
-EVERY = (*CATALOGUE, *BESIDE_CATALOGUE)
 SETTINGS = [
     pytest.param(law, geometry, plan, id=f"{law.id}-{law.parameters[0].name}-{name}")
     for name, geometry, plan in (
@@ -84,12 +71,6 @@ SETTINGS = [
     if law.places(plan)
 ]
 """Every law on a machine whose readings it may touch."""
-
-
-def effect(effect_id: str, parameter: str = "") -> Effect:
-    return next(
-        law for law in EVERY if law.id == effect_id and parameter in ("", law.parameters[0].name)
-    )
 
 
 def change(
@@ -516,92 +497,6 @@ def test_clearance_follows_the_pull() -> None:
     assert pressed[0] == pytest.approx(back, abs=2e-6)
 
 
-def named(library: tuple[Candidate, ...], effect_id: str) -> list[tuple[str, str, int]]:
-    return [(c.where, c.arrangement, len(c.parameters)) for c in library if c.id == effect_id]
-
-
-def test_places_and_arrangements() -> None:
-    library = candidates(Model(parameters_mm=OFF), TAKEN)
-    assert named(library, "axis_squareness") == [
-        *((pair, "one", 1) for pair in ("xy", "yz", "xz")),
-        *(("all", "same", 1), ("xy,yz,xz", "each", 3)),
-    ]
-    lateral = [
-        *((leg, "each", 2) for leg in "xyz"),
-        *(("all", "same", 1), ("all", "mirror", 2), ("all", "turning", 2), ("x,y,z", "each", 6)),
-    ]
-    assert named(library, "axis_offset") == [
-        *((pair, "one", 1) for pair in ("xy", "yz", "zx")),
-        *((axis, "each", 2) for axis in "xyz"),
-        *(("all", "same", 1), ("xy,yz,zx", "each", 3)),
-    ]
-    mounts = [(place, "one", 1) for place in ("xy", "xz", "yx", "yz", "zx", "zy")]
-    assert named(library, "straightness") == lateral
-    assert named(library, "leg_taper") == mounts + lateral
-    assert len(named(library, "actuator_cyclic")) == len(STANDARD_LEADS_MM) * 5
-    assert len(named(library, "thermal_drift")) == 2 * 5
-    turning = next(c for c in library if (c.id, c.arrangement) == ("leg_bow", "turning"))
-    assert [p.name for p in turning.parameters] == ["middle_next", "middle_before"]
-    placed = {p.place: p.values for p in turning.effects(np.array([1.0, 2.0]))}
-    assert placed == {
-        **dict.fromkeys(("xy", "yz", "zx"), (1.0,)),
-        **dict.fromkeys(("xz", "yx", "zy"), (2.0,)),
-    }
-
-
-def test_a_known_lead_leaves_one_cyclic_error() -> None:
-    model = Model(Geometry(screw_lead_mm=7.5))
-    names = {
-        p.name for c in candidates(model, TAKEN) if c.id == "actuator_cyclic" for p in c.parameters
-    }
-    assert {name.split("_")[1] for name in names} == {"7.5mm"}
-
-
-def test_what_nothing_shows_is_listed() -> None:
-    """Of leg x alone: no time, no temperature, no direction of approach."""
-    plan = postures()
-    leg_x = plan.take(plan.leg == 0)
-    silent = replace(leg_x, time_s=np.full(len(leg_x), np.nan))
-    hidden = invisible(Model(), silent)
-    assert {("backlash", leg) for leg in "xyz"} <= set(hidden)
-    assert ("thermal_drift", "y") in hidden
-    assert ("axis_squareness", "xy") not in hidden
-    places = {(c.id, c.where) for c in candidates(Model(), silent)}
-    assert not places & set(hidden)
-    assert not {c.id for c in candidates(Model(), silent)} & {"backlash", "thermal_drift"}
-    assert not invisible(Model(parameters_mm=OFF), TAKEN)
-
-
-def test_candidates_of_a_model_that_has_effects() -> None:
-    """Derivatives are taken with the adopted effects acting."""
-    gain = EffectInstance(effect("gauge_gain"), "xy", (50.0,))
-    squareness = [effect("axis_squareness")]
-    plain = candidates(Model(parameters_mm=OFF), TAKEN, squareness)[0].columns
-    model = Model(parameters_mm=OFF, effects=(gain,))
-    scaled = candidates(model, TAKEN, squareness)[0].columns
-    gained = (TAKEN.leg == 0) & (TAKEN.axis == 1)
-    assert scaled[:, 0] == pytest.approx(plain[:, 0] * np.where(gained, 1.5, 1.0))
-
-
-def test_a_large_session_takes_milliseconds() -> None:
-    """350 readings at two stations; 60 ms is the aim, the limit leaves room for a busy machine."""
-    single = walked((0, 22, 60, 41, 22, 0, -37, -71, -100, -71, -37, 0, 22, 60))
-    two = single.take(np.concatenate([np.arange(len(single)), np.arange(len(single))]))
-    second = np.arange(len(two)) >= len(single)
-    plan = replace(
-        two,
-        station=np.where(second, 0.35, 0.5),
-        mount=two.mount + second * single.mount_count,
-    )
-    assert len(plan) >= 330
-    spans = []
-    for _ in range(5):
-        start = time.perf_counter()
-        candidates(Model(parameters_mm=OFF), plan)
-        spans.append(time.perf_counter() - start)
-    assert min(spans) < 0.3
-
-
 def test_remedies_tell_what_to_enter_and_at_which_joints() -> None:
     """Once for places of equal values; a shim goes against the shift."""
     play = [EffectInstance(Backlash(), leg, (0.06,)) for leg in "xz"]
@@ -620,10 +515,10 @@ def test_remedies_tell_what_to_enter_and_at_which_joints() -> None:
 
 
 def test_every_effect_says_what_to_do() -> None:
-    for effect in EVERY:
-        place = "xy" if effect.stage != Stage.ACTUATOR else "x"
-        (remedy,) = remedies([EffectInstance(effect, place, (1.0,) * len(effect.parameters))])
-        assert "{" not in remedy, effect.id
+    for law in EVERY:
+        place = "xy" if law.stage != Stage.ACTUATOR else "x"
+        (remedy,) = remedies([EffectInstance(law, place, (1.0,) * len(law.parameters))])
+        assert "{" not in remedy, law.id
 
 
 def test_an_indicator_has_no_law_for_contacts_and_changes_none() -> None:
@@ -723,15 +618,3 @@ def test_a_law_that_was_sent_to_another_process_is_the_same(law: Effect) -> None
     received = pickle.loads(pickle.dumps(law))
     assert received is not law
     assert {law: 1}[received] == 1
-
-
-def test_where_one_leg_was_read_both_ways_of_its_guide_are_one_name_still() -> None:
-    """As of a whole session; of other guides one way is seen, with the name of the drive and it."""
-    every = walked()
-    names = {
-        (candidate.where, candidate.arrangement)
-        for rows in (every, every.take(np.flatnonzero(every.leg == 0)))
-        for candidate in candidates(Model(), rows, [Straightness()])
-    }
-    assert ("x", "each") in names
-    assert not {("xy", "one"), ("xz", "one")} & names

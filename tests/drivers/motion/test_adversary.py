@@ -31,17 +31,9 @@ from drivers.motion.states import State
 from drivers.motion.twins import GrblTwin, MotionTrouble, SimulatedAxes
 from drivers.twins import Transport
 from tests.conftest import first_quick
-from tests.drivers.motion.adversary import (
-    STRANGERS,
-    Chatters,
-    Front,
-    Ill,
-    Late,
-    Link,
-    Mute,
-    TrueAxes,
-)
+from tests.drivers.motion.adversary import Front, Ill, Link, TrueAxes
 from tests.drivers.motion.bench import BUSY, FEED, LIMITS, START, Ticker, comes_true, started
+from tests.drivers.motion.ills import STRANGERS, Chatters, Late, Mute
 from tests.drivers.motion.scenario import (
     ANSWER_S,
     CONNECT_S,

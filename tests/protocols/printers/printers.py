@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from tests.app.exports.test_towers import (
+from tests.app.exports.upright_towers import (
     ANGLES,
     BAR,
     BELIEVED,

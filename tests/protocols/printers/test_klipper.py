@@ -19,7 +19,7 @@ from protocols.printers.imported import ImportedPrinter, imported_printer
 from protocols.record import read_record
 from protocols.session import Session, fold
 from tests.app.cli import glidecal, refused
-from tests.app.exports import test_towers as true
+from tests.app.exports import upright_towers as true
 from tests.conftest import LONG, first_quick
 from tests.protocols.printers.printers import (
     MOTOR,

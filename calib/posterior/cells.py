@@ -10,7 +10,6 @@ import math
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
@@ -36,10 +35,11 @@ from calib.noise.serial import independent, serial_correlation
 from calib.posterior.distances import Distances
 from calib.posterior.gaussian import About, LittleOfAll
 from calib.posterior.race import ADOPTED
+from calib.posterior.statements import NOTHING, Statement
 from calib.tripod.effects.bars import LegLength
 from calib.tripod.effects.candidates import place_columns
-from calib.tripod.effects.contacts import ROUND, SHAPES, BowOfTouchedPlate, PlatformTilt
-from calib.tripod.effects.drives import ActuatorScale, AxisLean, AxisOffset, AxisSquareness
+from calib.tripod.effects.contacts import ROUND, SHAPES
+from calib.tripod.effects.drives import AxisOffset
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
@@ -82,38 +82,8 @@ def is_radial(law: Effect, place: str) -> bool:
     return law.id == AxisOffset.id and place[-1] == "r"
 
 
-Stated = Literal[
-    "nothing",
-    "radius",
-    "directions",
-    "directions and single bars",
-    "directions and bars",
-    "lines",
-    "lines and bars",
-]
-"""Directions and travel of the drives, beside these bars, but for what all have in common, or bars,
-and where lines of the drives lie. But "nothing" leaves the radius of all towers free, too."""
-
-DIRECTIONS = (AxisLean.id, AxisSquareness.id, ActuatorScale.id)
-OF_CONTACTS = (BowOfTouchedPlate.id, PlatformTilt.id)
-"""A machine whose lines are as stated has a flat plate and a level platform, too."""
-FREE_LAWS: Mapping[Stated, tuple[str, ...]] = {
-    "nothing": (*DIRECTIONS, AxisOffset.id, *OF_CONTACTS),
-    "radius": (*DIRECTIONS, AxisOffset.id, *OF_CONTACTS),
-    "directions": (AxisOffset.id, *OF_CONTACTS),
-    "directions and single bars": (AxisOffset.id,),
-    "directions and bars": (AxisOffset.id,),
-    "lines": (),
-    "lines and bars": (),
-}
-"""Of parameters of geometry those that may be off by their tolerance, by what is as stated."""
-
 STATED_MM = 0.01
 """Of lengths that are as stated: bars that are measured, not made to tolerance."""
-BARS_STATED: tuple[Stated, ...] = ("directions and bars", "lines and bars")
-SINGLE_BARS_STATED: tuple[Stated, ...] = ("directions and single bars", *BARS_STATED)
-FIRMWARE: tuple[Stated, ...] = ("directions and single bars", "directions and bars")
-"""Where only that is off which firmware of printers fits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +109,7 @@ class SessionCase:
     others: Noise | None = None
     free: frozenset[tuple[Effect, str]] = frozenset()
     geometry: Mapping[tuple[Effect, str], float] = field(default_factory=dict)
-    as_stated: Stated = "nothing"
+    as_stated: Statement = NOTHING
     state: Hashable | None = None
     entered_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     homing_mm: float = HOMING_MM
@@ -172,9 +142,9 @@ class SessionCase:
         tolerance_mm = np.maximum(self.tolerance_mm[3:], FINEST_MM)
         single_mm = math.sqrt(1.0 - self.length_correlation) * tolerance_mm
         alike_mm = math.sqrt(self.length_correlation) * tolerance_mm
-        if self.as_stated in SINGLE_BARS_STATED:
+        if self.as_stated.bars != "each":
             single_mm = np.minimum(single_mm, STATED_MM)
-        return single_mm, 0.0 * alike_mm if self.as_stated in BARS_STATED else alike_mm
+        return single_mm, 0.0 * alike_mm if self.as_stated.bars == "none" else alike_mm
 
     @property
     def spread_mm(self) -> FloatArray:
@@ -199,15 +169,14 @@ class SessionCase:
     @property
     def lines(self) -> Mapping[tuple[Effect, str], float]:
         """Parameters of geometry that every model has free about 0; adopted ones have a size."""
-        ids = FREE_LAWS[self.as_stated]
-        radius_mm = self.radius_mm if self.as_stated == "nothing" else 0.0
+        radius_mm = self.radius_mm if self.as_stated.guessed else 0.0
         guessed_mm = {True: radius_mm, False: ROUND_GUESSED * radius_mm}
         return {
             (law, place): math.hypot(size, guessed_mm[is_radial(law, place)])
             if law.id == AxisOffset.id
             else size
             for (law, place), size in self.geometry.items()
-            if law.id in ids
+            if law.id in self.as_stated.free
             and (law, place) not in self.free
             and place in law.places(self.observed)
         }
@@ -237,7 +206,7 @@ class SessionCase:
         beyond = {law: size for (law, _), size in self.geometry.items()}
         if SHAPES[0] in beyond:
             beyond[ROUND] = beyond[SHAPES[0]]
-        stated = self.as_stated in SINGLE_BARS_STATED
+        stated = self.as_stated.bars != "each"
         return beyond | {LegLength(): math.inf if stated else float(self.tolerance_mm[3:].max())}
 
     @property
@@ -335,9 +304,9 @@ class Cells:
     @property
     def with_free_lines(self) -> Cells:
         """The same where the drives' lines, and bars, are free within their tolerances."""
-        if self.case.as_stated == "nothing":
+        if self.case.as_stated == NOTHING:
             return self
-        return replace(self, case=replace(self.case, as_stated="nothing"))
+        return replace(self, case=replace(self.case, as_stated=NOTHING))
 
     @classmethod
     def of_all(cls, cases: Sequence[SessionCase]) -> list[Cells]:

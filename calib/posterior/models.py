@@ -12,9 +12,10 @@ import numpy as np
 
 from calib.arrays import BLIND, FloatArray, IntArray
 from calib.posterior.apart import Mistake
-from calib.posterior.cells import FIRMWARE, FREE_LAWS, Cells, Stated
+from calib.posterior.cells import Cells
 from calib.posterior.library import OTHER_BARS, Component
 from calib.posterior.readings import LENGTHS, Placed, Rows
+from calib.posterior.statements import NOTHING, Statement
 from calib.posterior.tool import FRAMES, RIGID, Frame, ToolField
 from calib.posterior.tool_errors import InField, ToolErrors
 from calib.tripod.effects.drives import AxisOffset
@@ -42,7 +43,7 @@ class Weighted:
     inflated: float
     everywhere: tuple[int, ...]
     mistakes: tuple[Mistake, ...] = ()
-    as_stated: Stated = "nothing"
+    as_stated: Statement = NOTHING
 
     @property
     def variance(self) -> FloatArray:
@@ -256,7 +257,7 @@ class Posterior:
 
     @cached_property
     def _for_bounds(self) -> Posterior | None:
-        return self._of_models([model.as_stated not in FIRMWARE for model in self.models])
+        return self._of_models([not model.as_stated.of_firmware for model in self.models])
 
     def _of_models(self, kept: Sequence[bool]) -> Posterior | None:
         """The same of some of its models; None where that is all of them, or none."""
@@ -331,7 +332,7 @@ class Posterior:
             self._unstated[model.everywhere] = self._of_tolerances(model.everywhere)
         deviation = self._unstated[model.everywhere].copy()
         if not self.geometry.common_zero:  # readings are of the tool, in the frame of its plate
-            if AxisOffset.id in FREE_LAWS[model.as_stated]:
+            if AxisOffset.id in model.as_stated.free:
                 deviation[-3:] = np.hypot(deviation[-3:], self._turn_of_drives)
             return deviation
         alike: dict[str, dict[int, Lean]] = {}

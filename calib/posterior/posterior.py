@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.posterior.cells import FIRMWARE, Cells, SessionCase, Stated
+from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.first_takes import first_takes_apart
 from calib.posterior.labels import Solved, Way, with_mistakes
 from calib.posterior.library import Component
@@ -17,6 +17,7 @@ from calib.posterior.models import Posterior, Weighted
 from calib.posterior.problem import PosteriorProblem
 from calib.posterior.race import LIGHTEST
 from calib.posterior.screws import with_searched_leads
+from calib.posterior.statements import AS_STATED, DIRECTIONS, NOTHING, Statement
 from calib.posterior.tool import tool_field
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import Effect
@@ -32,20 +33,6 @@ called other bars, which have scales, too. It is expected about the offsets befo
 leg would else pull those of the others towards what the file says."""
 
 
-AS_STATED: dict[Stated, float] = {
-    "nothing": 0.25,
-    "directions": 0.22,
-    "directions and single bars": 0.06,
-    "directions and bars": 0.09,
-    "lines": 0.35,
-    "lines and bars": 0.03,
-}
-"""How likely a machine with tolerances of its lines has so much as the file states it.
-
-Switches and where towers stand are what firmware fits, some with one length of all bars: contacts
-that these explain to their noise are no reason to doubt all other parts.
-"""
-
 TYPED_IN = 0.2
 """How likely the places of towers in a printer's firmware are a guess. Of 14 printers of which
 owners have published the file six began 3 to 16 mm beside the radius of their calibration, the
@@ -59,7 +46,7 @@ def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = N
     cells_by_statement = {
         s: Cells.of_all([replace(case, as_stated=s) for case in cases]) for s in shares
     }
-    sessions = cells_by_statement["nothing"]
+    sessions = cells_by_statement[NOTHING]
     laws = with_searched_leads(CATALOGUE if effects is None else effects, sessions)
     laws = (*laws, *_adopted_variants(cases[-1], laws))
 
@@ -72,17 +59,19 @@ def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = N
     return _mixed(with_mistakes(ways, solve))
 
 
-def _shares(cases: Sequence[SessionCase]) -> dict[Stated, float]:
+def _shares(cases: Sequence[SessionCase]) -> dict[Statement, float]:
     """How likely so much of the machine is as its file states it; what comes first is least."""
     if not any(case.geometry for case in cases):
-        return {"nothing": 1.0}
-    shares = dict(AS_STATED)
-    if cases[0].model.geometry.common_zero:  # not towers
-        shares["directions"] += math.fsum(shares.pop(stated) for stated in FIRMWARE)
+        return {NOTHING: 1.0}
+    shares = {statement: statement.prior for statement in AS_STATED}
+    if cases[0].model.geometry.common_zero:  # no towers
+        firmware = [statement for statement in AS_STATED if statement.of_firmware]
+        shares[DIRECTIONS] += math.fsum(shares.pop(statement) for statement in firmware)
     if not any(case.radius_mm for case in cases):
         return shares
-    measured = {stated: (1.0 - TYPED_IN) * share for stated, share in shares.items()}
-    return {"nothing": TYPED_IN, "radius": measured.pop("nothing"), **measured}
+    measured = {statement: (1.0 - TYPED_IN) * share for statement, share in shares.items()}
+    as_measured = replace(NOTHING, name="radius", guessed=False)
+    return {NOTHING: TYPED_IN, as_measured: measured.pop(NOTHING), **measured}
 
 
 def _adopted_variants(case: SessionCase, effects: Sequence[Effect]) -> list[Effect]:

@@ -94,10 +94,6 @@ def test_unequal_bars_tilt_the_probe_as_the_law_says(leg: int) -> None:
 def test_a_bowed_plate_makes_no_export_worse_than_the_best_peer(
     name: str, plate: str, tmp_path: Path
 ) -> None:
-    """A dish looks like a wrong radius to every fit: nine factors leave as much there as we do.
-
-    Of 24 printers 0.157 mm, and 0.158 (docs/benchmarks.md).
-    """
     make = {**CASES, "any": any_printer}[name]
     results = []
     for seed in range(3):
@@ -108,6 +104,5 @@ def test_a_bowed_plate_makes_no_export_worse_than_the_best_peer(
         np.sqrt(np.mean([getattr(result, export) ** 2 for result in results]))
         for export in ("ours", "six", "nine")
     )
-    assert ours <= six
-    assert ours <= nine or "dish" in plate
+    assert ours <= min(six, nine)
     assert all(result.touched <= result.bound for result in results)

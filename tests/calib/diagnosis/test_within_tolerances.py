@@ -11,6 +11,7 @@ import pytest
 from app.evaluating.diagnosis import diagnose_sessions
 from app.evaluating.solution import solve_sessions
 from calib.diagnosis.claims import Claims
+from calib.posterior.statements import AS_STATED
 from protocols.machine import load_machine
 from protocols.session import fold
 from protocols.table import opened_table
@@ -52,7 +53,7 @@ def test_bars_that_are_stated_in_the_likeliest_way_keep_their_name(tmp_path: Pat
     opened, events, _ = opened_table(csv, load_machine("linear-delta"), "test")
     posterior = solve_sessions([fold([opened, *events])]).posterior
     stated = [
-        replace(cells, case=replace(cells.case, as_stated="lines and bars"))
+        replace(cells, case=replace(cells.case, as_stated=AS_STATED[-1]))
         for cells in posterior.sessions
     ]
     claims = Claims.of(posterior)

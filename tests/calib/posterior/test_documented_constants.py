@@ -21,9 +21,10 @@ from calib.posterior import (
     problem,
     race,
     screws,
+    statements,
     tool_errors,
 )
-from calib.posterior.posterior import AS_STATED, CHANGED, CHANGES_MM, TYPED_IN
+from calib.posterior.posterior import CHANGED, CHANGES_MM, TYPED_IN
 from calib.tripod.effects import empirical
 from tests.conftest import ROOT
 
@@ -49,6 +50,7 @@ HARMONICS_IN_WORDS = {2: "two", 3: "three", 4: "four"}[empirical.HARMONICS]
 CAUSES = np.exp(race.LOG_CAUSES)
 SCALES = [f"{scale:g}" for scale in race.SCALES]
 PRIORS = [f"{prior:g}" for prior in np.exp(race.LOG_SCALES).round(12)]
+STATED = [statement.prior for statement in statements.AS_STATED]
 CASES = [f"{prior:g}" for prior in CAUSES.round(12)]
 
 
@@ -72,12 +74,12 @@ CASES = [f"{prior:g}" for prior in CAUSES.round(12)]
         f"$h$ = {CHANGES_MM[0]:g} or {CHANGES_MM[1]:g} mm",
         f"$\\alpha \\sim N(0, \\max({race.ADOPTED:g}u, z)^2)$",
         f"Distances of towers correlate by {cells.ALIKE:g}.",
-        f"all free; {AS_STATED['directions']:g}, directions and travel as stated; "
-        f"{AS_STATED['directions and single bars']:g}, also a flat plate, and bars, to "
-        f"{cells.STATED_MM:g} mm, but for what all have in common; "
-        f"{AS_STATED['directions and bars']:g}, that, too (these two of towers alone); "
-        f"{AS_STATED['lines']:g}, all but the bars; "
-        f"{AS_STATED['lines and bars']:g}, also the bars.",
+        "Seven cases have the priors {:g}, all free; {:g}, directions and travel as stated; "
+        "{:g}, also a flat plate, and bars, to {:g} mm, but for what all have in common; "
+        "{:g}, that, too; {:g}, the same with a bowed plate (these three of towers alone); "
+        "{:g}, all but the bars; {:g}, also the bars.".format(
+            *STATED[:3], cells.STATED_MM, *STATED[3:]
+        ),
         f"these have {1.0 - TYPED_IN:g} of the prior.",
         f"each round the plate by {cells.ROUND_GUESSED:g} times that.",
         f"the best {race.PAIRS} pairs at all scales, "

@@ -10,19 +10,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
-from typing import get_args
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
 from calib.arrays import FloatArray, observe, tool_conditions
-from calib.posterior.cells import FIRMWARE, Cells, SessionCase, Stated
+from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.correction import ToolOff
 from calib.posterior.entered import nothing_entered
-from calib.posterior.posterior import AS_STATED, posterior
+from calib.posterior.posterior import posterior
 from calib.posterior.problem import PosteriorProblem
 from calib.posterior.readings import LENGTHS
+from calib.posterior.statements import AS_STATED, NOTHING, Statement
 from calib.tripod.effects.drives import (
     ActuatorScale,
     AxisDistance,
@@ -40,6 +40,8 @@ from tests.calib.posterior.sessions import SWEEP, case
 from tests.conftest import LONG
 
 LINES = geometry_tolerances(Geometry(), 0.05, 0.2, 0.05)
+NAMED = {statement.name: statement for statement in AS_STATED}
+FIRMWARE = {statement for statement in AS_STATED if statement.of_firmware}
 
 
 def of_lines(seed: int) -> tuple[SessionCase, dict[str, float]]:
@@ -151,7 +153,7 @@ def of_contacts() -> SessionCase:
 def test_a_bound_rests_on_no_case_of_firmware() -> None:
     result = posterior([of_contacts()])
     rest = result.for_bounds
-    assert {model.as_stated for model in result.models} > {*FIRMWARE}
+    assert {model.as_stated for model in result.models} > FIRMWARE
     assert len(rest.models) == sum(m.as_stated not in FIRMWARE for m in result.models)
     assert math.fsum(model.weight for model in rest.models) == pytest.approx(1.0)
     off = ToolOff(result, nothing_entered(result))
@@ -166,12 +168,12 @@ def test_a_bound_holds_a_turn_of_all_towers() -> None:
     across_mm = load_machine("linear-delta").across_tolerance_mm
     turned = across_mm / math.sqrt(3.0) / radius_mm.mean()
     for model, in_field in zip(result.models, result.models_in_field, strict=True):
-        free = model.as_stated not in ("lines", "lines and bars")
+        free = model.as_stated not in (NAMED["lines"], NAMED["lines, bars"])
         assert math.sqrt(in_field.variance(-1)) == pytest.approx(turned * free, rel=1e-9)
 
 
 def test_what_firmware_fits_is_a_case_of_towers_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    statements: list[Stated] = []
+    statements: list[Statement] = []
     work_out = Cells.of_all
 
     def note(cases: Sequence[SessionCase]) -> list[Cells]:
@@ -182,25 +184,26 @@ def test_what_firmware_fits_is_a_case_of_towers_alone(monkeypatch: pytest.Monkey
     for session, kept in ((of_lines(0)[0], False), (of_contacts(), True)):
         statements.clear()
         posterior([session])
-        assert statements[0] == "nothing"
-        assert {"directions", "lines", "lines and bars"} < {*statements}
-        assert ({*FIRMWARE} <= {*statements}) == kept
-        assert kept or not {*FIRMWARE} & {*statements}
-    assert math.fsum(AS_STATED.values()) == pytest.approx(1.0)
+        assert statements[0] == NOTHING
+        assert {*statements} >= {*AS_STATED} - FIRMWARE
+        assert {*statements} & FIRMWARE == (FIRMWARE if kept else set())
+    assert math.fsum(statement.prior for statement in AS_STATED) == pytest.approx(1.0)
 
 
 def test_bars_of_one_jig_may_be_off_together_alone() -> None:
     tolerance_mm = np.repeat([1.0, 0.4], 3)
     session = replace(case(SWEEP), tolerance_mm=tolerance_mm, length_correlation=0.7)
     alike = np.ones((3, 3))
-    expected: tuple[tuple[Stated, FloatArray], ...] = (
-        ("lines", 0.4**2 * (0.3 * np.eye(3) + 0.7 * alike)),
-        ("directions and single bars", 0.01**2 * np.eye(3) + 0.7 * 0.4**2 * alike),
-        ("directions and bars", 0.01**2 * np.eye(3)),
-        ("lines and bars", 0.01**2 * np.eye(3)),
-    )
-    for stated, bars_mm2 in expected:
-        root = replace(session, as_stated=stated).base_root
+    stated_mm2 = 0.01**2 * np.eye(3)
+    expected = {
+        "lines": 0.4**2 * (0.3 * np.eye(3) + 0.7 * alike),
+        "directions, plate, single bars": stated_mm2 + 0.7 * 0.4**2 * alike,
+        "directions, plate, bars": stated_mm2,
+        "directions, bars": stated_mm2,
+        "lines, bars": stated_mm2,
+    }
+    for name, bars_mm2 in expected.items():
+        root = replace(session, as_stated=NAMED[name]).base_root
         assert (root @ root.T)[3:, 3:] == pytest.approx(bars_mm2, rel=1e-9, abs=1e-12)
 
 
@@ -211,8 +214,8 @@ def _log_determinant(columns: FloatArray) -> float:
 def test_ways_are_weighed_with_what_their_freedom_costs() -> None:
     """The matrix determinant lemma backwards: of rows as they are, no triangle, no basis."""
     session, _ = of_lines(1)
-    for stated in get_args(Stated):
-        cells = Cells.of(replace(session, as_stated=stated))
+    for statement in AS_STATED:
+        cells = Cells.of(replace(session, as_stated=statement))
         problem = PosteriorProblem.of((cells,), None)
         columns = problem.rows.base * problem.rows.spread
         blocks = [columns[:, LENGTHS:], columns[:, :LENGTHS], problem.base[:, columns.shape[1] :]]

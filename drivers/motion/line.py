@@ -423,7 +423,7 @@ class MotionLine:
         guard = self.guard
         with self._lock:
             if consent != self._consent or self._state is not State.CONSENTED:
-                raise self.controller.fault(MotionFault.STOPPED, "before it moved")
+                raise self._stopped("before it moved")
             if guard is None or not guard.watches:
                 raise _guard_gone()
             self._face_s = self._owner_s = time.monotonic()
@@ -433,9 +433,14 @@ class MotionLine:
     def _arrived(self, there_mm: Triple) -> None:
         with self._lock:
             if not self._change(Cause.ARRIVED):
-                raise self.controller.fault(MotionFault.STOPPED, "as it arrived")
+                raise self._stopped("as it arrived")
             self._watched.rests(there_mm)
             self._calm_s = time.monotonic()
+
+    def _stopped(self, when: str) -> ControllerFault:
+        """The consent ended: when, and why where that is known."""
+        value = f"{when}: {self._why}" if self._why else when
+        return self.controller.fault(MotionFault.STOPPED, value)
 
     def _homed(self, consent: int) -> Triple:
         self._wait_for_guard()

@@ -143,6 +143,7 @@ def test_a_session_in_a_plain_terminal(tmp_path: Path, monkeypatch: pytest.Monke
         'cycles = 1\nwindow_s = 0.1\nlevels = ["zero", "max"]\n'
     )
     path = tmp_path / "a.jsonl"
+    monkeypatch.setattr("app.measuring.opening.STRICT", BUSY)
     with following() as (bench, twin, ports):
         monkeypatch.setattr("sys.stdin", Terminal("y\ny\ny\n"))  # all of it, to Zero, a leg
         named = [
@@ -186,6 +187,7 @@ def test_a_board_is_homed_with_a_word_for_it_typed_in_the_terminal(
         return answer(twin, line)
 
     monkeypatch.setattr(GrblTwin, "answer", noted)
+    monkeypatch.setattr("app.measuring.opening.STRICT", BUSY)
     in_joints = FAST.model_copy(update={"mdi": "joint"})
     with following(TWINS["grbl"], "joint") as (_, twin, ports):
         for trouble in troubles:

@@ -298,6 +298,16 @@ def test_a_second_stop_refused_is_no_stop() -> None:
         assert not r.axes.moving
 
 
+def test_who_sends_behind_the_end_of_a_consent_is_told_why_it_ended() -> None:
+    with rig("linuxcnc") as r:
+        consented(r)
+        r.line.stop("an indicator does not answer")
+        r.comes(State.HELD)
+        with pytest.raises(ControllerFault, match="before it moved: an indicator does not answer"):
+            r.line.go([(2.0, 2.0, -3.0)], FEED).result(PATIENCE_S)
+        assert r.twin.axes.at_mm == START
+
+
 def test_who_asks_a_controller_that_dies_is_answered_before_anybody_vouches() -> None:
     """Within a consent the fault is a stop, too, which nobody can see: the answer must not wait."""
     with rig("linuxcnc", answer_s=0.2) as r:

@@ -25,6 +25,7 @@ from textual.filter import LineFilter
 from textual.geometry import Size
 from textual.notifications import SeverityLevel
 from textual.screen import ModalScreen, Screen, ScreenResultType
+from textual.timer import Timer
 from textual.widget import Widget
 from textual.widgets import Input, OptionList, Static
 
@@ -288,6 +289,7 @@ class Glidecal(App[str]):
         self.guided: GuidedSession | None = None
         self._motion_keys = MotionKeys()
         self._cramped = False  # the window is too small, and that was said
+        self._early: Timer | None = None  # for words that came before their screen
         self.form: Screen[None] | None = None
         """Of the preparation, as it was left."""
         self._status = Exit.DONE
@@ -433,8 +435,10 @@ class Glidecal(App[str]):
         """In the line that the screen has for it, once it is there; nothing lies over a table."""
         stack = reversed(self.screen_stack)
         screen = next((each for each in stack if not isinstance(each, ModalScreen)), None)
+        if self._early is not None:
+            self._early.stop()  # or it would speak behind these, which are newer
         if screen is not None and not screen.is_mounted:
-            self.set_timer(ATTEND_S, lambda: self.notify(message, severity=severity))
+            self._early = self.set_timer(ATTEND_S, lambda: self.notify(message, severity=severity))
         elif isinstance(screen, MainScreen):
             screen.say(message, wrong=severity == "error")
         else:

@@ -45,6 +45,7 @@ from app.screens.hexaslide_result import HexaSlideResultScreen, PostureWhatIfScr
 from app.screens.history import CompareScreen, HistoryScreen
 from app.screens.home import HomeScreen, ReplayChoiceScreen
 from app.screens.interface import (
+    ATTEND_S,
     ChoiceDialog,
     Dialog,
     Glidecal,
@@ -405,3 +406,5 @@ async def test_a_terminal_that_is_too_small_says_what_is_needed(
         assert "needs 80 × 24" in said(interface)
         await pilot.resize_terminal(80, 24)
         await until(pilot, "nothing", lambda: not said(interface))
+        await pilot.pause(2 * ATTEND_S)
+        assert not said(interface)  # words that came before the screen do not come behind these

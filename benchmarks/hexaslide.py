@@ -90,7 +90,7 @@ def ours(procedure: Procedure, machine: HexaSlide, starts: int, seed: int = SEED
     """`calib.hexaslide.search.best_postures`."""
     begin = time.process_time()
     count = COUNTS[procedure.kind]
-    best = best_postures(procedure, machine, count, Search(seed=seed, starts=starts))
+    best = best_postures(procedure, machine, count, Search(seed=seed, starts=starts, space="box"))
     return Found("glidecal", best.values, (time.process_time() - begin) / starts)
 
 

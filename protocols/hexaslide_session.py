@@ -148,8 +148,7 @@ def commands(machine: HexaSlideMachine, procedure: PostureProcedure) -> PostureC
             f"procedure {procedure.name}, {problem.thing}",
             problem.found,
             problem.allowed,
-            "Give postures of this machine with --posture-file: glidecal postures finds them, with "
-            "a constraint link --space link.",
+            "Give postures of this machine with --posture-file: glidecal postures finds them.",
         ) from problem
     return PostureCommands(procedure.with_postures(postures), 1000.0 * sliders)
 

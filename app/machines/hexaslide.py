@@ -166,12 +166,13 @@ class PostureOptions:
         bool, typer.Option("--as-is", help="Only judge the --posture-file, move nothing.")
     ] = False
     space: Annotated[
-        Literal["box", "joints", "link"],
+        Literal["box", "joints", "link"] | None,
         typer.Option(
             help="Hexa Slide: where to search: box, joints (all that the rails allow), or link "
-            "(what the constraint link allows)."
+            "(what the constraint link allows); default link where the procedure has one.",
+            show_default=False,
         ),
-    ] = "box"
+    ] = None
     scaled: Annotated[
         bool, typer.Option("--scaled", help="Hexa Slide: a criterion that no unit changes.")
     ] = False

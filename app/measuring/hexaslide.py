@@ -66,7 +66,7 @@ class PosturePlan:
                 f"procedure {self.procedure.name}",
                 "no postures",
                 "some in the file, or --posture-file",
-                "glidecal postures finds them, with a constraint link --space link.",
+                "glidecal postures finds them.",
             )
         return commands(self.machine, self.procedure)
 

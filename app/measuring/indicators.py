@@ -271,18 +271,23 @@ def check_indicators(instruments: Sequence[Instrument], *, legs: bool = True) ->
 
 
 def _request_faults(instrument: Instrument) -> list[str]:
-    """What is wrong with a request of one's own: a socket may be any service of this computer."""
+    """What is wrong with a request of one's own."""
     request = instrument.request or ""
-    if request and "://" in instrument.port:
+    if request and _is_service(instrument.port):
         return [f"request {request!r:.60} to {instrument.port!r}, which is not a serial port"]
     if not OWN_REQUEST.fullmatch(request):
         return [f"request {request!r:.60}, not one line of at most 32 plain characters"]
     return []
 
 
+def _is_service(port: str) -> bool:
+    """Whether behind the port may be any service, which would obey a request of one's own."""
+    return "://" in port
+
+
 def check_request(profile: Profile, port: str) -> None:
     """Raises UsageError for a request of one's own to what is no serial port."""
-    if profile.name == ASCII_LINE.name and profile.request is not None and "://" in port:
+    if profile.name == ASCII_LINE.name and profile.request is not None and _is_service(port):
         raise UsageError(f"port of profile {profile.name} with a request", port, "a serial port")
 
 

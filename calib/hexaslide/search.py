@@ -72,7 +72,8 @@ class Search:
     first replaced by ``given`` ``(p, 6)``.
 
     ``space`` joints: the sliders are moved between the ends of their rails, the box is left out;
-    link: in the box, but as high as the constraint link holds the platform.
+    link: in the box, but as high as the constraint link holds the platform. None: link where the
+    procedure has a rigid one, without which no posture can be measured, otherwise box.
     ``scaled``: angles count at the joints of the platform, parameters by what they do at random
     postures. ``few``: so few postures are wanted that they cannot show all; what their rows show
     is judged. ``source`` tells where ``given`` came from.
@@ -82,7 +83,7 @@ class Search:
     seed: int = 0
     starts: int = 8
     given: FloatArray | None = None
-    space: SearchSpace = "box"
+    space: SearchSpace | None = None
     scaled: bool = False
     few: bool = False
     source: str = "random"
@@ -125,7 +126,9 @@ class BestPostures:
     @property
     def space(self) -> SearchSpace:
         """Where the search moved."""
-        return self.search.space if self.values else "box"
+        if not self.values:
+            return "box"
+        return self.search.space or _usual_space(self.procedure)
 
     @property
     def start_condition_number(self) -> float:
@@ -398,6 +401,10 @@ def judged_postures(
     return _described(space, search, postures, postures, as_is)
 
 
+def _usual_space(procedure: Procedure) -> SearchSpace:
+    return "link" if procedure.has_rigid_link else "box"
+
+
 def _space(procedure: Procedure, machine: HexaSlide, count: int, search: Search) -> Space:
     """Raises NotIdentifiable for too few postures, CalibrationError for rails without ends."""
     fewest = fewest_postures(procedure, machine)
@@ -430,7 +437,7 @@ def _space(procedure: Procedure, machine: HexaSlide, count: int, search: Search)
             "search on the constraint link", procedure.kind.value, "constraint-link"
         )
     maker = rows_seen(procedure, machine, scaled=search.scaled)
-    return SPACES[search.space](maker, machine, few=few)
+    return SPACES[search.space or _usual_space(procedure)](maker, machine, few=few)
 
 
 def _taken_back(

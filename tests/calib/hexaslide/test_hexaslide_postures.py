@@ -142,7 +142,7 @@ LIMITS = {
 @cache
 def best(kind: ProcedureKind) -> BestPostures:
     count, _, starts, _ = LIMITS[kind]
-    return best_postures(Procedure.of(kind), H60, count, Search(starts=starts))
+    return best_postures(Procedure.of(kind), H60, count, Search(starts=starts, space="box"))
 
 
 @pytest.mark.parametrize("kind", first_quick(list(ProcedureKind)))
@@ -303,9 +303,9 @@ def test_another_machine_is_planned_for_as_well() -> None:
 @LONG
 def test_the_papers_46_postures_are_judged_by_what_they_show() -> None:
     """Of 48 combinations 46 rows show 46; the paper comes from 601200 to 145230."""
-    procedure, few = PROCEDURES["constraint-link"], Search(starts=1, few=True)
+    procedure, few = PROCEDURES["constraint-link"], Search(starts=1, few=True, space="box")
     with pytest.raises(NotIdentifiable, match=r"found 46\. Allowed: 48 or more .* With --few"):
-        best_postures(procedure, H60, 46, Search(starts=1))
+        best_postures(procedure, H60, 46, Search(starts=1, space="box"))
     design = best_postures(procedure, H60, 46, few)
     assert (design.rank, design.reachable_rank) == (46, 48)
     rows = jacobian(procedure, H60.geometry, design.coordinates, H60.link).reshape(46, 55)
@@ -363,7 +363,7 @@ def test_postures_on_the_link_are_those_that_it_holds() -> None:
     """As `run` lifts postures: those of the box are worth less there than random ones."""
     procedure, link, box = PROCEDURES["constraint-link"], H60.link, H60.box
     assert link is not None
-    design = best_postures(procedure, H60, 48, Search(starts=1, space="link"))
+    design = best_postures(procedure, H60, 48, Search(starts=1))
     found = design.coordinates
     apart = found[:, :3] + rotation(found[:, 3:]) @ link.platform_end - link.base_end
     assert np.linalg.norm(apart, axis=1) == pytest.approx(link.length_m, abs=1e-12)

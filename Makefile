@@ -13,9 +13,10 @@ PIP := $(BIN)/pip --disable-pip-version-check install --quiet
 demo: $(VENV)/runtime.stamp
 	$(BIN)/glidecal demo
 
-# worksteal: neighbours, and with them what a costly fixture made, stay in one process
+# worksteal: neighbours, and with them what a costly fixture made, stay in one process; six on two
+# cores: tests of a moving machine wait more than they compute
 test: check
-	$(BIN)/pytest -n 4 --dist worksteal -m 'not long'
+	$(BIN)/pytest -n 6 --dist worksteal -m 'not long'
 
 test-long: $(VENV)/dev.stamp
 	$(BIN)/pytest -n 4 --dist worksteal -m long

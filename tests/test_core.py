@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import ROOT, SAMPLES, first_quick
+from tests.conftest import LONG, ROOT, SAMPLES, first_quick
 
 MOTION = "drivers.motion"
 """Measuring steps through a session by hand or by machine in one place, and imports it."""
@@ -48,6 +48,7 @@ main()
 SESSION = str(SAMPLES / "simulated_zero-max-min.jsonl")
 
 
+@LONG
 @pytest.mark.parametrize(
     "arguments",
     first_quick(
@@ -66,6 +67,7 @@ def test_the_core_works_alone(arguments: tuple[str, ...], tmp_path: Path) -> Non
     works(removed, arguments, tmp_path)
 
 
+@LONG
 def test_keys_are_listed_without_the_extra_that_serves_a_browser(tmp_path: Path) -> None:
     works(["aiohttp", "textual_serve"], ("settings",), tmp_path)
 

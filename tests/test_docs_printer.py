@@ -111,6 +111,7 @@ def test_the_macro_of_the_page_is_what_the_log_answers(walked: tuple[Path, str])
     assert np.array(targets) == pytest.approx(np.array(answered), abs=1e-3)
 
 
+@LONG
 def test_the_printer_is_a_better_one(walked: tuple[Path, str]) -> None:
     """The true machine with the file, and what its owner sees when it is probed again."""
     folder, _ = walked
@@ -137,6 +138,7 @@ def test_the_printer_is_a_better_one(walked: tuple[Path, str]) -> None:
     )
 
 
+@LONG
 def test_values_that_help_are_the_next_step_on_the_screen(walked: tuple[Path, str]) -> None:
     """Before: joint offsets alone did not, so that the screen said to leave all as it is."""
     solved = solve_files([walked[0] / "printer.jsonl"])

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests import ends
+from tests.conftest import LONG
 
 
 def test_every_dependency_of_a_user_is_tried_at_its_bound() -> None:
@@ -32,6 +33,7 @@ def test_a_dependency_needs_a_lower_bound(
         ends.lowest()
 
 
+@LONG
 def test_this_python_is_among_those_of_the_machine() -> None:
     assert sys.version_info[:2] in ends.pythons()
     assert min(ends.pythons()) >= ends.LEAST_PYTHON

@@ -42,6 +42,7 @@ def test_it_is_typed() -> None:
     assert (ROOT / "glidecal/py.typed").is_file()
 
 
+@LONG
 def test_solving_a_path_or_a_session_is_what_the_command_says() -> None:
     document = json.loads(command("solve", SESSION, "--json").out)
     for source in (str(SESSION), glidecal.load(SESSION)):
@@ -98,6 +99,7 @@ def test_what_is_doubtful_is_a_warning_and_what_is_wrong_an_error(tmp_path: Path
         glidecal.solve(tmp_path / "nowhere.jsonl")
 
 
+@LONG
 def test_sessions_count_once_and_in_the_order_of_measuring(tmp_path: Path) -> None:
     """The joint was moved, and no record says so: values are those of the later session."""
     session, other = glidecal.load(SESSION), glidecal.simulate(seed=2)
@@ -145,6 +147,7 @@ def test_without_pandas_a_frame_is_refused_in_words(monkeypatch: pytest.MonkeyPa
         glidecal.load(SESSION).to_frame()
 
 
+@LONG
 def test_the_report_is_written_from_python(tmp_path: Path) -> None:
     page = glidecal.report(SESSION, output=tmp_path / "page.html")
     assert "Calibration report" in page.read_text("utf-8")
@@ -193,6 +196,7 @@ def test_what_is_no_file_is_refused(file: str) -> None:
                 door(file)
 
 
+@LONG
 def test_a_session_that_is_held_out_may_stand_alone() -> None:
     alone, listed = (
         glidecal.diagnose(SESSION, held_out=held_out) for held_out in (str(OTHER), [OTHER])

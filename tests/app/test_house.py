@@ -14,7 +14,7 @@ import pytest
 
 from app.planning.hexaslide import Request, write_simulated
 from protocols.machine_files import machine_names
-from tests.conftest import ROOT
+from tests.conftest import ROOT, first_quick
 
 ROOMS = ("app", "calib", "drivers", "protocols")
 
@@ -51,19 +51,21 @@ def test_a_room_pulls_in_nothing_it_must_not_know(room: str, unknown: set[str]) 
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        *(
-            [verb, "no.jsonl"]
-            for verb in ("solve", "diagnose", "validate", "plan", "align", "model")
-        ),
-        ["verify", "no.jsonl", "neither.jsonl"],
-        ["compare", "no.jsonl", "neither.jsonl"],
-        ["import", "no.csv", "-o", "new.jsonl"],
-        ["export", "no.jsonl", "--format", "json", "-o", "new.json"],
-        ["report", "no.jsonl", "-o", "new.html"],
-        ["history", "no.jsonl"],
-        ["run", "--continue", "no.jsonl"],
-    ],
+    first_quick(
+        [
+            *(
+                [verb, "no.jsonl"]
+                for verb in ("solve", "diagnose", "validate", "plan", "align", "model")
+            ),
+            ["verify", "no.jsonl", "neither.jsonl"],
+            ["compare", "no.jsonl", "neither.jsonl"],
+            ["import", "no.csv", "-o", "new.jsonl"],
+            ["export", "no.jsonl", "--format", "json", "-o", "new.json"],
+            ["report", "no.jsonl", "-o", "new.html"],
+            ["history", "no.jsonl"],
+            ["run", "--continue", "no.jsonl"],
+        ]
+    ),
     ids=lambda arguments: arguments[0],
 )
 def test_a_file_that_is_not_there_is_named_before_anything_heavy_is_loaded(

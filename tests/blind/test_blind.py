@@ -54,6 +54,7 @@ def test_clean_sessions_get_no_name(tmp_path: Path) -> None:
     assert not any(blunder_claimed(score) for score in results)
 
 
+@LONG
 def test_over_a_plane_alone_clean_sessions_get_no_name(tmp_path: Path) -> None:
     """6 sessions at 1 %: more than one false name happens in 0.2 % of runs."""
     results = diagnosed([Case(f"q/{n}", "plane-alone-none", "plane", n) for n in NOISES], tmp_path)
@@ -83,6 +84,7 @@ def test_blunders_are_named_with_their_place(tmp_path: Path) -> None:
     assert rate(diagnosed(cases, tmp_path), blunder_named).hits >= 5
 
 
+@LONG
 def test_an_effect_left_out_of_the_catalogue_is_never_named(tmp_path: Path) -> None:
     case = Case("q/left", "left-out", "sweep", "gaussian", ("backlash",), (4.0,))
     session = tmp_path / "left.jsonl"

@@ -142,6 +142,7 @@ def test_the_answerer_gets_the_table_alone_and_may_fail() -> None:
     assert "a defect" in measured(case, session, failing)["failure"]
 
 
+@LONG
 def test_the_program_corrects_what_it_names() -> None:
     """A machine with nothing hidden keeps its bound; an effect that shows is corrected."""
     (_, plain), *_ = sessions(1, SEED, ["nothing"])

@@ -13,6 +13,7 @@ from tests.blind.cases import TOO_STRONG, Case, plan
 from tests.blind.generator import NotDrawn, make
 from tests.blind.run import run
 from tests.blind.table import page
+from tests.conftest import LONG
 
 SEED = 11
 TOO_MUCH = Case("too/much", "beside", "sweep", "gaussian", ("joint_clearance",), (40.0,))
@@ -33,6 +34,7 @@ def hardest() -> dict[tuple[str, ...], Case]:
 HARDEST = hardest()
 
 
+@LONG
 @pytest.mark.parametrize("procedure", ["zero-max-min", "sweep", "two-station"])
 def test_the_strongest_of_each_effect_can_be_drawn(procedure: str) -> None:
     """What is left to weaker ones, or to two of 3:1, can be drawn where this can."""

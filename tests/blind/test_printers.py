@@ -20,6 +20,7 @@ EASY = {"switches": 0.6, "arms ±0.25 each": 0.3, "plate 3 mrad askew": 1.0}
 """Cases that contacts with a plate tell from others, and what may be left, over the best peer's."""
 
 
+@LONG
 @pytest.mark.parametrize("name", first_quick(CASES))
 def test_the_tool_is_better_than_before_and_keeps_its_bound(name: str, tmp_path: Path) -> None:
     random = np.random.default_rng([2, len(name)])
@@ -35,6 +36,7 @@ SEVEN = ((0.0, 0.0), *RINGS[-6:])
 """Where `DELTA_CALIBRATE` of Klipper probes, once each."""
 
 
+@LONG
 @pytest.mark.parametrize("guessed_mm", first_quick((-5.0, 3.0, 8.0)))
 def test_a_radius_that_was_a_guess(guessed_mm: float, tmp_path: Path) -> None:
     """Seven contacts, no repeats, every other part off as parts are; without the tolerance of the

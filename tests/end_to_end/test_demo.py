@@ -15,9 +15,10 @@ import pytest
 from protocols.record import read_record
 from protocols.session import fold
 from tests.app.cli import glidecal
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 
+@LONG
 @pytest.mark.parametrize("procedure", first_quick(["zero-max-min", "sweep"]))
 def test_demo_headless(tmp_path: Path, procedure: str) -> None:
     run = glidecal("demo", "--headless", "--protocol", procedure, "--seed", "7", cwd=tmp_path)
@@ -41,6 +42,7 @@ def test_demo_without_a_terminal_falls_back_to_headless(tmp_path: Path) -> None:
     assert "Leg deviations went from" in run.out
 
 
+@LONG
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
 def test_killed_in_the_middle_and_continued(tmp_path: Path) -> None:
     """Kill -9 while measuring; every acknowledged reading is there, none doubled."""

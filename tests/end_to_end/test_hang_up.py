@@ -15,7 +15,7 @@ import pytest
 
 from protocols.record import read_record
 from tests.app.cli import glidecal
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 if sys.platform == "win32":
     pytest.skip("Windows has neither pseudo-terminals nor SIGHUP", allow_module_level=True)
@@ -92,6 +92,7 @@ def pressed_a(terminal: Terminal) -> bool:
     return False
 
 
+@LONG
 @pytest.mark.parametrize("closed", first_quick([False, True]), ids=["kill", "closed-terminal"])
 def test_the_session_is_paused_and_goes_on(
     measuring: Terminal, tmp_path: Path, closed: bool
@@ -110,6 +111,7 @@ def test_the_session_is_paused_and_goes_on(
     assert read_record(record).end == "closed"
 
 
+@LONG
 def test_wrong_settings_are_told_before_a_screen_opens(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

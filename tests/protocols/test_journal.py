@@ -20,7 +20,7 @@ from protocols.machine import Instrument, Machine
 from protocols.procedure import load_procedure
 from protocols.record import MOST_BYTES, check_record, read_record
 from protocols.session import Continued, Line, Noted, Opened, Reading, Restored, Superseded, fold
-from tests.conftest import SAMPLES, needs_links
+from tests.conftest import LONG, SAMPLES, needs_links
 from tests.recorded import unsealed
 
 
@@ -340,6 +340,7 @@ def test_only_regular_files_of_a_sensible_size_are_read(path: Path, tmp_path: Pa
             reader(path)
 
 
+@LONG
 def test_a_record_does_not_grow_beyond_what_can_be_read(path: Path) -> None:
     journal = Journal.create(path, opened())
     with pytest.raises(RecordError, match="up to 64 MB"):

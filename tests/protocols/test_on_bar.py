@@ -211,6 +211,7 @@ def test_what_plan_and_next_propose_stays_on_the_bar(
             assert_on_bar(machine, wrong_mm, leg, set_up.station, set_up.levels_mm)
 
 
+@LONG
 @VERY_FEW
 @given(machines(), errors_mm(), st.booleans())
 def test_chosen_postures_and_the_turns_between_them_stay_on_the_bar(

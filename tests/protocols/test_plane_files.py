@@ -20,7 +20,7 @@ from protocols.procedure import Plane, load_procedure
 from protocols.table import empty_table, off_bar_words
 from tests.app.cli import glidecal
 from tests.builders import read_table
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 
 ALONE = load_procedure("plane", Geometry())
 FILE = """schema = "glidecal.procedure/1"
@@ -111,6 +111,7 @@ def test_a_touched_point_off_the_bar_is_told(tmp_path: Path) -> None:
     assert off_bar_words(readings, Geometry()).startswith("readings off the bars: 1, ")
 
 
+@LONG
 def test_simulated_solved_and_what_is_refused(tmp_path: Path) -> None:
     session, q = tmp_path / "p.jsonl", tmp_path / "q.jsonl"
     assert glidecal("simulate", "--protocol", "plane", "-o", session).status == 0
@@ -137,6 +138,7 @@ def test_simulated_solved_and_what_is_refused(tmp_path: Path) -> None:
     assert "plane" in run.err
 
 
+@LONG
 def test_a_demonstration_measures_over_a_plane(tmp_path: Path) -> None:
     """As ``demo --headless``, under a fixed name: the scatter is drawn by it."""
     plan = replace(demo_plan(tmp_path, "plane", 1), path=tmp_path / "plane.jsonl")

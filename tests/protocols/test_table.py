@@ -21,6 +21,7 @@ from protocols.procedure import load_procedure
 from protocols.session import MOVED, Reading
 from protocols.table import empty_table
 from tests.builders import read_table
+from tests.conftest import LONG
 
 HEADER = "leg,axis,displacement_mm,value_mm"
 GOOD = f"{HEADER}\nx,y,0,0.10\nx,y,60,0.25\n"
@@ -300,6 +301,7 @@ CELLS = st.one_of(
 )
 
 
+@LONG
 @settings(deadline=None)
 @given(st.lists(st.tuples(NUMBERS_AS_TYPED, NUMBERS_AS_TYPED), min_size=1, max_size=8))
 def test_points_commas_and_workbooks_say_the_same(
@@ -319,6 +321,7 @@ def test_points_commas_and_workbooks_say_the_same(
     assert point == comma == cells
 
 
+@LONG
 @settings(deadline=None)
 @given(st.lists(st.lists(CELLS, max_size=6), max_size=5))
 def test_any_cells_give_readings_or_a_record_error(
@@ -333,6 +336,7 @@ def test_any_cells_give_readings_or_a_record_error(
     assert all(abs(r.value_mm) < 1e9 for r in readings)
 
 
+@LONG
 @settings(deadline=None)
 @given(st.lists(st.integers(0, 5000), max_size=6), st.binary(max_size=6))
 def test_a_spoilt_workbook_is_refused_in_a_sentence(

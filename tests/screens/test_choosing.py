@@ -30,7 +30,7 @@ from drivers.profiles import PROFILES
 from drivers.twins import IndicatorTwin, LineTrouble, TwinPort, default_transport
 from protocols.machine import Instrument
 from protocols.record import read_record
-from tests.conftest import needs_links
+from tests.conftest import LONG, needs_links
 from tests.screens.driving import SIZE, fill_in, quick_plan, said, text, until
 
 SYLVAC = Instrument(profile="sylvac", port="/dev/ttyNONE7", axes="yx", serial_number="4711")
@@ -154,6 +154,7 @@ async def test_a_port_that_cannot_be_tried_says_why(quick_profiles: None) -> Non
         await pilot.press("f10")
 
 
+@LONG
 async def test_what_was_typed_stays_and_is_judged_once_it_is_typed(twin: TwinPort) -> None:
     interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:

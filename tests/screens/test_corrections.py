@@ -24,7 +24,7 @@ from drivers.profile import IndicatorReading, Outcome
 from protocols.clock import steady_s
 from protocols.record import read_record
 from protocols.session import Noted, fold
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 from tests.screens.driving import press_for, quick_plan, take, text, to_measuring, until
 
 Driven = tuple[Pilot[str], Glidecal, MeasureScreen]
@@ -120,6 +120,7 @@ async def test_of_two_repeats_that_disagree_either_may_be_wrong(
         assert ("*kept" in on(screen, "#table")) == is_kept
 
 
+@LONG
 async def test_the_third_repeat_settles_which_one_is_odd(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -154,6 +155,7 @@ async def test_the_third_repeat_settles_which_one_is_odd(
         assert "LEG X   MIN   cycle 3" in on(screen, "#step")
 
 
+@LONG
 async def test_an_earlier_step_is_repeated_and_taken_back(tmp_path: Path) -> None:
     async with measuring(tmp_path) as (pilot, interface, screen):
         for _ in range(4):
@@ -188,6 +190,7 @@ async def test_an_earlier_step_is_repeated_and_taken_back(tmp_path: Path) -> Non
         assert screen.guided.session.superseded == {}
 
 
+@LONG
 async def test_skip_one_step_and_the_rest_of_a_leg(tmp_path: Path) -> None:
     async with measuring(tmp_path) as (pilot, interface, screen):
         await take(pilot, screen)

@@ -15,11 +15,12 @@ from app.screens.interface import ChoiceDialog, Glidecal, HelpDialog
 from app.screens.plot import ChartPlot
 from app.screens.result import ResultScreen
 from calib.errors import RecordError
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 from tests.screens.diagnosing import diagnosed, drawn, verdict
 from tests.screens.driving import SIZE, said, text, until
 
 
+@LONG
 async def test_pages_by_keys(bowed: Path) -> None:
     interface = Glidecal(DiagnoseScreen([bowed]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
@@ -91,6 +92,7 @@ async def test_leaving_while_it_looks(bowed: Path) -> None:
     assert interface.return_code == 0
 
 
+@LONG
 async def test_from_home_and_from_the_result(bowed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(bowed.parent)
     interface = Glidecal(HomeScreen())
@@ -155,6 +157,7 @@ async def test_the_small_choice_of_a_session(bowed: Path, monkeypatch: pytest.Mo
         await pilot.press("f10")
 
 
+@LONG
 @pytest.mark.parametrize("size", first_quick([SIZE, (120, 40)]))
 async def test_no_line_is_cut_off(doubtful: Path, size: tuple[int, int]) -> None:
     interface = Glidecal(DiagnoseScreen([doubtful]))

@@ -26,6 +26,7 @@ from tests.screens.diagnosing import diagnosed, offered, verdict
 from tests.screens.driving import SIZE, said, text, until
 
 
+@LONG
 async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(
     bowed: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -68,6 +69,7 @@ async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(
     assert not texts, "to put all its numbers in words takes seconds, in the thread that draws"
 
 
+@LONG
 async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> None:
     user_file = doubtful.with_name("taken.toml")
     user_file.write_text("mine", encoding="utf-8")
@@ -167,6 +169,7 @@ async def test_a_session_that_agrees(tmp_path: Path) -> None:
     assert [entry.name for entry in tmp_path.iterdir()] == ["plain.jsonl"]
 
 
+@LONG
 async def test_a_mistake_is_put_right_in_a_new_session_and_its_result_shown(tmp_path: Path) -> None:
     right = write_session(tmp_path / "right.jsonl", "sweep", 4)
     events = read_record(right).events

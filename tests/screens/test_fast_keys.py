@@ -28,7 +28,7 @@ from app.screens.interface import ChoiceDialog, Glidecal, HelpDialog, TextDialog
 from app.screens.prepare import IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
-from tests.conftest import SAMPLES, first_quick
+from tests.conftest import LONG, SAMPLES, first_quick
 from tests.screens.driving import PATIENCE, SIZE, until
 
 SAMPLE = SAMPLES / "simulated_zero-max-min.jsonl"
@@ -57,6 +57,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@LONG
 @pytest.mark.parametrize(
     ("served", "seed"), first_quick([(True, 12), (True, 4), (False, 100)], several=True)
 )
@@ -77,7 +78,7 @@ async def test_mashed_keys(folder: Path, served: bool, seed: int) -> None:
         assert not interface.return_code
 
 
-@pytest.mark.parametrize("turns", range(6))
+@pytest.mark.parametrize("turns", first_quick(range(6)))
 @pytest.mark.parametrize(
     "screen",
     [

@@ -18,6 +18,7 @@ from app.screens.interface import Glidecal
 from app.screens.result import ResultScreen
 from calib.errors import NotIdentifiable
 from protocols.record import read_record
+from tests.conftest import LONG
 from tests.screens.driving import SIZE, quick_plan, take, text, to_measuring, until
 
 
@@ -66,6 +67,7 @@ async def test_a_result_that_cannot_be_computed_yet(
     assert interface.return_value == f"The session is complete: {plan.path}"
 
 
+@LONG
 async def test_trying_again_may_succeed(
     tmp_path: Path, samples: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

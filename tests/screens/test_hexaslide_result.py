@@ -17,6 +17,7 @@ from app.screens.hexaslide_result import HexaSlideResultScreen
 from app.screens.home import HomeScreen, ReplayChoiceScreen
 from app.screens.interface import ChoiceDialog, Glidecal
 from tests.app.posture_sessions import posture_session
+from tests.conftest import LONG
 from tests.screens.driving import SIZE, history_shown, looked, rows, said, text, until
 from tests.screens.test_serving_reports import listed
 
@@ -44,6 +45,7 @@ async def chosen(pilot: Pilot[str], interface: Glidecal, name: str) -> None:
     await pilot.press("enter")
 
 
+@LONG
 async def test_home_opens_a_session_of_postures(session: Path) -> None:
     interface = Glidecal(HomeScreen(), looks=LOOKS)
     async with interface.run_test(size=SIZE) as pilot:
@@ -166,6 +168,7 @@ async def test_too_few_postures_are_said(recorded: bytes, tmp_path: Path) -> Non
         await pilot.press("f10")
 
 
+@LONG
 async def test_the_browser_gets_report_and_history(session: Path) -> None:
     async with listed(session.parent) as (client, addresses):
         page = await (await client.get(addresses[session.name])).text()

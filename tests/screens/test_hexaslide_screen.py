@@ -106,6 +106,7 @@ def gate(monkeypatch: pytest.MonkeyPatch) -> Iterator[Gate]:
     new_gate.first.set()
 
 
+@LONG
 async def test_procedures_by_keys_with_the_papers_ranks_beside() -> None:
     interface = Glidecal(HexaSlideScreen())
     async with interface.run_test(size=SIZE) as pilot:
@@ -169,6 +170,7 @@ async def test_the_machine_is_drawn_from_two_sides() -> None:
         await pilot.press("f10")
 
 
+@LONG
 async def test_search_shows_start_and_optimum_and_stops(gate: Gate) -> None:
     interface = Glidecal(HexaSlideScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
@@ -236,6 +238,7 @@ async def check_drawn_at_postures(pilot: Pilot[str], interface: Glidecal) -> Non
     assert "optimum posture 9 of 9" in text(interface, "#drawn-text")
 
 
+@LONG
 async def test_leaving_while_it_searches(gate: Gate) -> None:
     interface = Glidecal(HomeScreen(), looks=LOOKS)
     async with interface.run_test(size=SIZE, notifications=True) as pilot:

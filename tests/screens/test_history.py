@@ -26,7 +26,7 @@ from protocols.journal import write_whole
 from protocols.machine import load_machine
 from protocols.record import read_record
 from protocols.session import Line, Reading
-from tests.conftest import SAMPLES, first_quick
+from tests.conftest import LONG, SAMPLES, first_quick
 from tests.screens.driving import SIZE, history_shown, rows, text, until
 
 SESSION = SAMPLES / "experiment_2_twelve.jsonl"
@@ -77,6 +77,7 @@ async def test_a_large_folder_is_shown_before_all_of_it_is_worked_out(tmp_path: 
         await pilot.press("escape", "f10")
 
 
+@LONG
 async def test_entered_offsets_are_a_line_in_the_plot(tmp_path: Path) -> None:
     record = read_record(SESSION)
     readings: list[Line] = [event for event in record.events if isinstance(event, Reading)]

@@ -22,6 +22,7 @@ from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
 from protocols.journal import Journal
+from tests.conftest import LONG
 from tests.protocols.test_journal import reading
 from tests.recorded import opened as planned
 from tests.screens.driving import SIZE, fill_in, quick_plan, said, text, until
@@ -153,6 +154,7 @@ async def test_sessions_with_nothing_in_common_are_refused_in_words(
         await pilot.press("f10")
 
 
+@LONG
 async def test_a_verification_proposes_its_partner(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -182,6 +184,7 @@ async def test_a_verification_proposes_its_partner(
         await pilot.press("escape", "f10")
 
 
+@LONG
 async def test_export_writes_what_the_result_screen_writes(folder: Path) -> None:
     interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
@@ -210,6 +213,7 @@ async def test_export_writes_what_the_result_screen_writes(folder: Path) -> None
         await pilot.press("f10")
 
 
+@LONG
 @pytest.mark.parametrize(
     ("beginning", "screen"), [("Result", ResultScreen), ("Replay", ReplayScreen)]
 )
@@ -280,6 +284,7 @@ async def test_where_nothing_may_be_written_nothing_of_it_is_offered(folder: Pat
         await pilot.press("escape", "f10")
 
 
+@LONG
 async def test_prepare_dry_run_and_random_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

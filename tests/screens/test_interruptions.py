@@ -24,6 +24,7 @@ from drivers.twins import IndicatorTwin, TwinPort, default_transport
 from protocols.machine import Instrument
 from protocols.record import read_record
 from protocols.session import fold
+from tests.conftest import LONG
 from tests.screens.driving import (
     SIZE,
     answered,
@@ -382,6 +383,7 @@ async def test_a_signal_ends_what_is_computed_when_the_screens_are_gone(
     assert not loop.remove_signal_handler(signal.SIGHUP)
 
 
+@LONG
 async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
     from app.evaluating.solution import solve_files
     from app.measuring.opening import start_session

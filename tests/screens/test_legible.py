@@ -32,7 +32,7 @@ from app.screens.result import ResultScreen
 from app.screens.session_view import LegReviewScreen
 from protocols.record import read_record
 from protocols.session import fold
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 from tests.screens.driving import rows, strips, text, until
 
 SIZES = [(80, 24), (100, 30), (120, 40)]
@@ -80,6 +80,7 @@ async def test_words_in_colour_are_legible_in_every_theme() -> None:
     assert len({SIGNALS[word] for word in ("Next:", "Taken", "WARNING:", "FAULT:")}) == 4
 
 
+@LONG
 @pytest.mark.parametrize("theme", first_quick(["textual-dark", "textual-light"]))
 @pytest.mark.parametrize("size", first_quick(SIZES))
 async def test_a_result_opens_on_the_numbers_to_enter_and_the_next_step(
@@ -156,6 +157,7 @@ def over_home(samples: Path, folder: Path) -> dict[str, Callable[[], Screen[Any]
     }
 
 
+@LONG
 async def test_escape_leads_back_from_every_screen(
     samples: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -37,7 +37,7 @@ from tests.app.measuring.moving_machine import (
     taken,
     wrong,
 )
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 from tests.screens.driving import SIZE, fill_in, rows, text, to_measuring, until
 
 SLOW = Machine(motion=MotionLimits(feed_mm_min=3000.0))
@@ -137,6 +137,7 @@ async def measuring(
             yield Moved(pilot, interface, screen, bench, twin, path)
 
 
+@LONG
 async def test_the_check_says_what_will_move_before_a_key_lets_it(tmp_path: Path) -> None:
     with following() as (_, twin, ports):
         form = PrepareScreen()
@@ -332,6 +333,7 @@ async def test_a_board_that_cannot_tell_is_homed_by_the_operators_word(tmp_path:
         await moved.go()
 
 
+@LONG
 async def test_a_machine_that_does_not_stop_is_said_in_red_until_it_does(tmp_path: Path) -> None:
     async with measuring(tmp_path) as moved:
         await moved.second_move()
@@ -348,6 +350,7 @@ async def test_a_machine_that_does_not_stop_is_said_in_red_until_it_does(tmp_pat
         await moved.comes(State.STOPPED, State.FAULT)
 
 
+@LONG
 @pytest.mark.parametrize("silent", first_quick([True, False]))
 async def test_who_leaves_is_told_last_whether_the_machine_was_seen_to_stop(
     silent: bool, tmp_path: Path
@@ -368,6 +371,7 @@ async def test_who_leaves_is_told_last_whether_the_machine_was_seen_to_stop(
     assert words.endswith(f"glidecal run --continue {moved.path} --motion {moved.twin.told}")
 
 
+@LONG
 async def test_a_new_machine_moves_each_carriage_a_little_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -75,7 +75,7 @@ from protocols.procedure import load_procedure
 from protocols.record import read_record
 from protocols.session import Session, fold
 from tests.app.posture_sessions import posture_session
-from tests.conftest import SAMPLES, first_quick
+from tests.conftest import LONG, SAMPLES, first_quick
 from tests.screens.driving import (
     QUESTIONED,
     placed,
@@ -282,7 +282,7 @@ async def pages(pilot: Pilot[str], interface: Glidecal) -> list[str]:
     return cuts
 
 
-@pytest.mark.parametrize("kind", MAKERS, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("kind", first_quick(MAKERS), ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("size", first_quick(SIZES), ids=str)
 async def test_nothing_is_cut(
     size: tuple[int, int], kind: type[Screen[Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -331,6 +331,7 @@ def whole(screen: Screen[Any], display: GaugeDisplay) -> bool:
     return all(row.strip() == d.strip() for row, d in beside) and 0 < len(display.strip) <= room
 
 
+@LONG
 async def test_nothing_is_cut_while_measuring(tmp_path: Path) -> None:
     """With the longest words: a new set-up, a fault, what was taken, every page."""
     interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
@@ -358,7 +359,9 @@ async def test_nothing_is_cut_while_measuring(tmp_path: Path) -> None:
         assert all(cell_len(display.number) <= display.content_size.width for display in displays)
 
 
-@pytest.mark.parametrize("procedure", ["sweep", "two-station", "zero-max-min", "plane", "align"])
+@pytest.mark.parametrize(
+    "procedure", first_quick(["sweep", "two-station", "zero-max-min", "plane", "align"])
+)
 async def test_no_table_of_a_leg_is_cut(procedure: str) -> None:
     """In every cycle, and the row being measured is on the screen."""
     interface = Glidecal(screen := ReplayScreen(SAMPLES / f"simulated_{procedure}.jsonl"))
@@ -379,6 +382,7 @@ async def test_no_table_of_a_leg_is_cut(procedure: str) -> None:
                 assert sum(row in line for line in table) == len(step.axes), (size, number, table)
 
 
+@LONG
 async def test_nothing_is_cut_where_the_machine_moves_itself(tmp_path: Path) -> None:
     """Its keys, and what befell it; the ports of this test have names longer than any device's."""
     async with moving(tmp_path) as moved:

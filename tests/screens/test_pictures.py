@@ -32,7 +32,7 @@ from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen
 from protocols.record import read_record
 from protocols.session import fold
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 from tests.screens.driving import QUESTIONED, fill_in, text, until
 
 PICTURES = Path(__file__).parent / "pictures"
@@ -100,6 +100,7 @@ def page_is(interface: Glidecal, name: str) -> Callable[[], bool]:
     return lambda: interface.screen.query_one(TabbedContent).active == name
 
 
+@LONG
 @pytest.mark.parametrize("size", [NARROW, WIDE])
 async def test_result(samples: Path, tmp_path: Path, size: tuple[int, int]) -> None:
     interface = still(result_screen(samples / "experiment_2_twelve.jsonl"))
@@ -121,6 +122,7 @@ async def test_result(samples: Path, tmp_path: Path, size: tuple[int, int]) -> N
         await compare(pilot, interface, f"plot_{size[0]}", tmp_path)
 
 
+@LONG
 @pytest.mark.parametrize("size", [NARROW, WIDE])
 async def test_comparison(samples: Path, tmp_path: Path, size: tuple[int, int]) -> None:
     interface = still(compared_screen(samples, tmp_path))
@@ -211,6 +213,7 @@ async def test_replay(samples: Path, tmp_path: Path) -> None:
         await compare(pilot, interface, "replay", tmp_path)
 
 
+@LONG
 @pytest.mark.parametrize("size", [NARROW, WIDE])
 async def test_review(samples: Path, tmp_path: Path, size: tuple[int, int]) -> None:
     session = fold(read_record(samples / "simulated_zero-max-min.jsonl").events)

@@ -16,6 +16,7 @@ from textual.theme import BUILTIN_THEMES
 from app.report.charts.characters import BLANK, MARKERS
 from app.report.charts.charts import Chart, Series
 from app.screens.plot import ChartPlot
+from tests.conftest import LONG
 
 LEAST_CONTRAST = 3.0
 """Of graphics on their ground, WCAG 2.1."""
@@ -71,6 +72,7 @@ def style_of(app: App[None], marker: str) -> Style:
     return content.get_style_at_offset(app.console, place)
 
 
+@LONG
 @pytest.mark.parametrize("theme", [name for name in BUILTIN_THEMES if "ansi" not in name])
 async def test_every_series_is_legible_on_every_theme(theme: str) -> None:
     app = OneChart(CHART)

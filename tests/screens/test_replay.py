@@ -17,6 +17,7 @@ from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay
 from protocols.record import read_record
 from protocols.session import fold
+from tests.conftest import LONG
 from tests.recorded import REASON, story, write
 from tests.screens.driving import SIZE, numbers, said, text, until
 
@@ -109,6 +110,7 @@ async def test_play_pause_and_speed(record_path: Path) -> None:
         await pilot.press("f10")
 
 
+@LONG
 async def test_list_of_readings_with_superseded_ones(record_path: Path) -> None:
     interface = Glidecal(ReplayScreen(record_path))
     async with interface.run_test(size=SIZE) as pilot:

@@ -100,6 +100,7 @@ def drawn(interface: Glidecal, selector: str) -> list[str]:
     return str(interface.screen.query_one(selector, ChartPlot).render()).splitlines()
 
 
+@LONG
 @pytest.mark.parametrize("kind", ["measured", "replay", "replayed"])
 async def test_the_last_line_has_room_for_help(
     published: tuple[SessionSolution, Path], kind: str
@@ -119,6 +120,7 @@ async def test_the_last_line_has_room_for_help(
         assert max(region.right for region in keys.values()) <= SIZE[0]
 
 
+@LONG
 async def test_keys_turn_the_pages(published: tuple[SessionSolution, Path]) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
@@ -206,6 +208,7 @@ async def test_nothing_is_drawn_twice(
         await until(pilot, "other colours", lambda: len(builds) == 2)
 
 
+@LONG
 async def test_sets_of_parameters(published: tuple[SessionSolution, Path]) -> None:
     """Views change; what to enter stays."""
     solved, path = published
@@ -228,6 +231,7 @@ async def test_sets_of_parameters(published: tuple[SessionSolution, Path]) -> No
         assert text(interface, "#details-text").endswith(solution_text(solved))
 
 
+@LONG
 async def test_what_takes_long_is_worked_out_apart(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -454,6 +458,7 @@ async def test_verify_needs_the_plan_of_the_session(
         assert isinstance(interface.screen, ResultScreen)
 
 
+@LONG
 async def test_any_finished_session_can_be_verified_later(samples: Path, tmp_path: Path) -> None:
     """After a restart the record alone tells machine, procedure, indicators; a table cannot."""
     plan = quick_plan(tmp_path)
@@ -511,6 +516,7 @@ async def test_home(
         assert "What do you want to do?" in text(interface, "#question")
 
 
+@LONG
 async def test_comparison_is_a_page_of_its_own(verified: tuple[SessionSolution, Plan]) -> None:
     solved, plan = verified
     assert plan.before is not None

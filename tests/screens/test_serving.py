@@ -138,6 +138,7 @@ def all_gone(processes: set[int]) -> bool:
     return not any(alive(p) for p in processes)
 
 
+@LONG
 def test_page_on_loopback_only(served: Served) -> None:
     status, page = fetch(served.address)
     assert status == 200
@@ -194,6 +195,7 @@ async def test_a_tab_replays_and_its_process_ends_with_it(served: Served) -> Non
     assert served.process.poll() is None
 
 
+@LONG
 @pytest.mark.parametrize("how", first_quick([signal.SIGINT, signal.SIGTERM, signal.SIGKILL]))
 async def test_the_end_of_the_server_ends_every_tab(served: Served, how: signal.Signals) -> None:
     processes: set[int] = set()
@@ -248,6 +250,7 @@ def test_a_file_name_is_never_a_command_or_an_option(tmp_path: Path) -> None:
     assert words[6:] == ["--", str(evil), str(Path("--json").absolute())]
 
 
+@LONG
 async def test_a_strangers_folder_runs_nothing(tmp_path: Path) -> None:
     """The program as installed, begun in a folder with Python files of the names it imports."""
     names = ("app", "calib", "drivers", "protocols", "textual", "aiohttp", "numpy")
@@ -265,6 +268,7 @@ async def test_a_strangers_folder_runs_nothing(tmp_path: Path) -> None:
     assert not (tmp_path / "ran").exists()
 
 
+@LONG
 def test_a_plain_request_for_the_socket_is_told_to_upgrade(served: Served) -> None:
     status, words = fetch(served.address + "/ws")
     assert status == 426
@@ -273,6 +277,7 @@ def test_a_plain_request_for_the_socket_is_told_to_upgrade(served: Served) -> No
     assert served.left() == ""
 
 
+@LONG
 async def test_so_many_tabs_and_no_more(served: Served) -> None:
     async with aiohttp.ClientSession() as session, contextlib.AsyncExitStack() as tabs:
 
@@ -311,6 +316,7 @@ async def test_no_tab_is_larger_than_any_screen(served: Served) -> None:
     assert await asyncio.to_thread(all_gone, {process})
 
 
+@LONG
 @pytest.mark.parametrize(
     "message",
     first_quick(

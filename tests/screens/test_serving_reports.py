@@ -120,6 +120,7 @@ def test_a_folder_in_a_browser(served: Served, folder: Path, tmp_path: Path) -> 
     assert served.left() == ""
 
 
+@LONG
 async def test_nothing_but_what_was_given_can_be_read(served: Served, tmp_path: Path) -> None:
     shutil.copy(ONE, outside := tmp_path / "outside.jsonl")
     key = ReportPages([outside])
@@ -144,6 +145,7 @@ async def test_nothing_but_what_was_given_can_be_read(served: Served, tmp_path: 
     assert children(served.process.pid) == set()
 
 
+@LONG
 def test_pages_of_others_and_other_names_are_refused(served: Served) -> None:
     """A name that leads here from elsewhere (DNS rebinding), a page of another server, a link."""
     address = f"{served.address}/reports"
@@ -279,6 +281,7 @@ def simulated(path: Path, **changes: object) -> None:
     write_whole(path, session.opened, [*session.readings])
 
 
+@LONG
 async def test_demonstrations_are_apart(tmp_path: Path) -> None:
     """Beside a measured session of the same machine."""
     simulated(tmp_path / "demo.jsonl")

@@ -63,6 +63,7 @@ def body(interface: Glidecal) -> str:
     return text(interface, "#what-if")
 
 
+@LONG
 async def test_figures_follow_the_size_as_in_python(bowed: Path) -> None:
     before = bowed.read_bytes()
     interface = Glidecal(DiagnoseScreen([bowed]))
@@ -135,6 +136,7 @@ async def test_the_scale_stays_while_a_size_is_moved(bowed: Path) -> None:
         await pilot.press("f10")
 
 
+@LONG
 async def test_a_size_that_was_moved_is_adopted_and_held(bowed: Path) -> None:
     interface = Glidecal(DiagnoseScreen([bowed]))
     model = bowed.with_name("bow [x]_model.json")
@@ -209,12 +211,14 @@ async def adopted(path: Path, target: Path, key: str) -> ModelFile:
     return read_model_file(target)
 
 
+@LONG
 async def test_what_fits_best_is_adopted_as_a_does(bowed: Path) -> None:
     by_a, by_w = [await adopted(bowed, bowed.with_name(f"{key}.json"), key) for key in "aw"]
     assert by_a.parameters_mm == by_w.parameters_mm
     assert [e.parameters for e in by_a.effects] == [e.parameters for e in by_w.effects]
 
 
+@LONG
 async def test_what_cannot_be_told_apart_is_said(doubtful: Path) -> None:
     interface = Glidecal(DiagnoseScreen([doubtful]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
@@ -237,6 +241,7 @@ async def test_what_cannot_be_told_apart_is_said(doubtful: Path) -> None:
         await pilot.press("f10")
 
 
+@LONG
 @pytest.mark.parametrize("late", first_quick(["usual", "begin"]))
 async def test_wrong_moments(bowed: Path, monkeypatch: pytest.MonkeyPatch, late: str) -> None:
     interface = Glidecal(screen := DiagnoseScreen([bowed]))
@@ -284,6 +289,7 @@ async def test_a_session_that_cannot_be_diagnosed_has_nothing_to_try(tmp_path: P
         await pilot.press("f10")
 
 
+@LONG
 async def test_on_a_result_any_effect_is_tried_and_none_adopted(tmp_path: Path) -> None:
     path = write_session(tmp_path / "plain.jsonl", "zero-max-min", 4)
     solved = solve_files([path], subset="both")
@@ -302,6 +308,7 @@ async def test_on_a_result_any_effect_is_tried_and_none_adopted(tmp_path: Path) 
     assert [entry.name for entry in tmp_path.iterdir()] == ["plain.jsonl"]
 
 
+@LONG
 async def test_who_only_looks_adopts_nothing(tmp_path: Path) -> None:
     shutil.copy(SAMPLES / "simulated_sweep.jsonl", path := tmp_path / "sweep.jsonl")
     interface = Glidecal(ResultScreen(solve_files([path]), None, path), read_only=True)

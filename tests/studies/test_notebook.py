@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 from studies.notebook import executed, read
+from tests.conftest import LONG
 
 
 def _printed() -> str:
@@ -12,6 +13,7 @@ def _printed() -> str:
     return "".join("".join(out["text"]) for cell in cells for out in cell["outputs"])
 
 
+@LONG
 def test_it_prints_what_is_kept() -> None:
     notebook = read()
     assert executed(notebook) == notebook, "make it again: python -m studies.notebook"

@@ -18,6 +18,7 @@ from protocols.journal import write_whole
 from protocols.record import read_record
 from protocols.session import Noted, Opened, Reading
 from tests.app.cli import as_process, glidecal, refused, run_here
+from tests.conftest import LONG
 
 EXPERIMENT_2 = "experiment_2_twelve.jsonl"
 
@@ -29,6 +30,7 @@ def solve(*arguments: str | Path) -> dict[str, Any]:
     return document
 
 
+@LONG
 def test_solve_gives_the_published_table(samples: Path) -> None:
     solution = solve(samples / EXPERIMENT_2, "--subset", "joint-offsets", "--method", "linear")
     values = [p["value"] for p in solution["parameters"].values()]
@@ -119,6 +121,7 @@ def test_import_keeps_everything_and_solves_the_same(samples: Path, tmp_path: Pa
     assert glidecal("validate", session).status == 0
 
 
+@LONG
 def test_the_day_of_a_table_is_stated_or_not_made_up(samples: Path, tmp_path: Path) -> None:
     """A certificate once had the day of the import as that of the measurement."""
     table, with_day, silent = (

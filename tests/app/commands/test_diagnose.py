@@ -190,6 +190,7 @@ def test_nothing_to_adopt_and_unknown_candidates(tmp_path: Path, samples: Path) 
     assert candidate["id"] in target.read_text(encoding="utf-8")
 
 
+@LONG
 def test_published_experiments_claim_no_single_name(samples: Path) -> None:
     diagnosis = diagnosed(
         samples / "experiment_2_twelve.jsonl",
@@ -260,6 +261,7 @@ def test_one_posture_is_refused(tmp_path: Path, samples: Path) -> None:
     assert "Move the machine and measure again" in message
 
 
+@LONG
 def test_many_readings_of_one_posture_are_refused(tmp_path: Path) -> None:
     """Their number teaches nothing of the machine: every exchange of labels is the same table."""
     table, session = tmp_path / "still.csv", tmp_path / "still.jsonl"
@@ -423,6 +425,7 @@ def test_what_would_have_been_found_in_two_figures(samples: Path) -> None:
     assert re.search(r"thermal_drift +\d+ +µm/h", table)
 
 
+@LONG
 def test_aliases_and_next_measurement(tmp_path: Path) -> None:
     aliases = json.loads(glidecal("diagnose", "--aliases", "--procedure", "sweep", "--json").out)
     assert aliases["schema"] == "glidecal.aliases/1"

@@ -13,9 +13,10 @@ import pytest
 
 from calib.errors import UsageError, extra, install_command
 from tests.app.cli import glidecal
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 
 
+@LONG
 def test_the_tolerance_of_readme_is_kept_by_the_demonstration(tmp_path: Path) -> None:
     words = re.search(
         r"glidecal verify \S+ \S+ --tolerance (\S+)", (ROOT / "README.md").read_text()

@@ -25,7 +25,7 @@ from calib.errors import GlidecalError, NotIdentifiable, RecordError, UsageError
 from calib.hexaslide.geometry import forward
 from protocols.hexaslide import load_hexaslide, read_measurements, read_truth
 from tests.app.cli import glidecal, refused
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 
 H60_FILE = ROOT / "protocols" / "machines" / "hexaslide-h60.toml"
 SIMULATE = ("simulate", "--machine", "hexaslide", "--procedure")
@@ -116,6 +116,7 @@ def test_what_is_printed_is_what_is_written(
         assert pinned == pytest.approx(value, rel=1e-12)
 
 
+@LONG
 @pytest.mark.parametrize(
     ("procedure", "postures", "rank", "known_count"),
     [

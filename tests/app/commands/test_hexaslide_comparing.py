@@ -134,6 +134,7 @@ def test_legs_of_a_platform(tmp_path: Path) -> None:
     )
 
 
+@LONG
 def test_sessions_that_tell_too_little_and_those_that_do_not_fit(tmp_path: Path) -> None:
     sound = hidden_session(tmp_path / "sound.jsonl", SOUND)
     few = hidden_session(tmp_path / "few.jsonl", SOUND, count=17)

@@ -95,6 +95,7 @@ def test_words_tell_before_after_spread_bounds_and_seed() -> None:
     assert document.value == max(values) > document.start_value
 
 
+@LONG
 def test_what_is_measured_decides_what_is_seen(tmp_path: Path) -> None:
     verb = ("postures", "hexaslide", "--procedure", "pose-forward", "--starts", "1")
     run = glidecal(*verb, "--measured", "x,y,z,theta", "--count", "12", "--json")

@@ -415,6 +415,7 @@ def _measured(path: Path, tells: Connection) -> None:
     measure_simulated(taking, KILLED_SEED, say)
 
 
+@LONG
 @pytest.mark.skipif(sys.platform == "win32", reason="a terminal of Unix")
 def test_postures_are_typed_in_a_terminal(tmp_path: Path) -> None:
     """A wrong line is told, a doubtful value questioned, a pause can be gone on with."""
@@ -443,6 +444,7 @@ def test_postures_are_typed_in_a_terminal(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+@LONG
 @pytest.mark.skipif(sys.platform == "win32", reason="a terminal of Unix")
 def test_an_indicator_in_the_link_is_read(tmp_path: Path) -> None:
     """Enter reads it; its text is kept beside the value."""
@@ -460,6 +462,7 @@ def test_an_indicator_in_the_link_is_read(tmp_path: Path) -> None:
     assert "an empty line reads the indicator" in output
 
 
+@LONG
 def test_the_five_minutes_of_the_documentation(tmp_path: Path) -> None:
     """Each line of the page, on the sample, and the figures that it states."""
     page = (ROOT / "docs/hexaslide.md").read_text("utf-8").partition("## What a procedure sees")[0]

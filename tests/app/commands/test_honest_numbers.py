@@ -258,6 +258,7 @@ def test_a_wild_reading_is_named(tmp_path: Path) -> None:
     assert "It is used. Measure it again." in text
 
 
+@LONG
 def test_nothing_is_ever_without_a_number(tmp_path: Path) -> None:
     """No NaN and no silent zero anywhere in the documents of the cases above."""
     cases = [rows(), rows(cycles=1), rows(digits=2, scatter_mm=0.0), rows(legs="xy")]

@@ -104,6 +104,7 @@ def test_readings_of_another_world_are_refused(tmp_path: Path) -> None:
     refused(5, "solve", tmp_path / "s.jsonl", "--method", "linear", "--subset", "both")
 
 
+@LONG
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_standard_output_on_a_full_disk() -> None:
     with Path("/dev/full").open("w") as full:
@@ -120,6 +121,7 @@ def test_standard_output_on_a_full_disk() -> None:
     assert "Traceback" not in run.stderr
 
 
+@LONG
 @pytest.mark.skipif(os.name != "posix", reason="needs a POSIX shell")
 @pytest.mark.parametrize("closed", first_quick([">&-", ">&- <&-", ">&- 2>&-"]))
 def test_closed_streams(closed: str) -> None:
@@ -140,6 +142,7 @@ def test_a_stream_behind_may_be_closed_first() -> None:
         PrintableStream(behind).write("lost")
 
 
+@LONG
 @pytest.mark.skipif(os.name != "posix", reason="needs a POSIX pipe")
 def test_reader_of_the_output_goes_away() -> None:
     read_end, write_end = os.pipe()
@@ -349,6 +352,7 @@ def test_only_ordinary_files_of_a_sensible_size_are_read(
 ESCAPES = "\x1b]0;owned\x07\x1b]52;c;cm0=\x07\x9b31m\u202e\u200b\x7f\nverdict: fine\r\n"
 
 
+@LONG
 def test_no_verb_prints_a_control_character(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -43,6 +43,7 @@ def test_identifiability_names_the_combination_that_a_plate_cannot_show() -> Non
     assert "d_rho_x + d_rho_y + d_rho_z" in json.dumps(report)
 
 
+@LONG
 def test_simulate_then_solve_and_diagnose_agree(tmp_path: Path) -> None:
     path = tmp_path / "simulated.jsonl"
     ran("simulate", "-o", path, *MACHINE)
@@ -53,6 +54,7 @@ def test_simulate_then_solve_and_diagnose_agree(tmp_path: Path) -> None:
     assert ran("diagnose", path).startswith("AGREES")
 
 
+@LONG
 def test_a_table_is_solved_to_the_machine_that_made_it(tmp_path: Path) -> None:
     """Offsets but for what all towers share, lengths: from independent geometry."""
     hidden = Hidden(offset_mm=(0.4, -0.3, 0.2), length_mm=(0.1, -0.15, 0.2))
@@ -65,6 +67,7 @@ def test_a_table_is_solved_to_the_machine_that_made_it(tmp_path: Path) -> None:
     assert length == pytest.approx([0.1, -0.15, 0.2], abs=0.06)
 
 
+@LONG
 def test_an_effect_is_hidden_and_found_by_its_name(tmp_path: Path) -> None:
     path = tmp_path / "hidden.jsonl"
     ran("simulate", "-o", path, *MACHINE, "--effect", "backlash:y", "--size", "0.03")
@@ -153,6 +156,7 @@ def test_bad_files_end_with_the_documented_status(tmp_path: Path) -> None:
     assert "the bars reach" in refused(3, "import", source, *out, *MACHINE)
 
 
+@LONG
 def test_a_demonstration_on_this_machine(tmp_path: Path) -> None:
     text = ran("demo", "--headless", *MACHINE, "--folder", tmp_path / "demo")
     before, after = re.findall(r"Tool deviations went from ([\d.]+) to ([\d.]+) mm", text)[0]

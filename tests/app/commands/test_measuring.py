@@ -131,6 +131,7 @@ def test_a_machine_that_is_not_homed(tmp_path: Path, monkeypatch: pytest.MonkeyP
         assert not list(tmp_path.iterdir())
 
 
+@LONG
 def test_a_session_in_a_plain_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All of `glidecal run`; whoever answers a question about a set-up has set it up."""
     machine, procedure = tmp_path / "machine.toml", tmp_path / "short.toml"

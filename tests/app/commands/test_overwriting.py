@@ -14,7 +14,7 @@ from calib.errors import RecordError
 from protocols import files
 from protocols.files import FilesThere, write_files
 from tests.app.cli import glidecal, refused
-from tests.conftest import first_quick, needs_links
+from tests.conftest import LONG, first_quick, needs_links
 
 HEXA = ("--machine", "hexaslide", "--procedure", "pose-inverse", "--postures", "12")
 POSTURES = ("--procedure", "zero-max-min", "--count", "9", "--common")
@@ -264,6 +264,7 @@ def test_every_verb_with_a_file_to_write_stands_above() -> None:
         assert "force" in {parameter.name for parameter in command.commands[name].params}, name
 
 
+@LONG
 def test_the_known_model_goes_on_without_a_question(tmp_path: Path, samples: Path) -> None:
     model = tmp_path / "m.json"
     session = samples / "simulated_sweep.jsonl"

@@ -199,6 +199,7 @@ def test_free_postures_are_one_procedure_for_each_mounting(tmp_path: Path) -> No
     assert len(solution["parameters"]) == 6
 
 
+@LONG
 def test_a_budget_is_kept() -> None:
     free = document("postures", "orthoglide", "--procedure", "sweep", "--count", "13")
     budget = free["minutes"] - 1.0
@@ -271,6 +272,7 @@ def test_nine_postures_do_for_every_criterion(criterion: Criterion) -> None:
     assert optimum.after.condition_number < 200.0
 
 
+@LONG
 def test_one_seed_gives_one_choice() -> None:
     first, second = (optimum_postures(orthoglide("sweep", 0.01), 9, seed=4) for _ in range(2))
     assert first.postures == second.postures
@@ -359,6 +361,7 @@ def test_plan_goes_by_the_frame_and_by_what_the_controller_holds(tmp_path: Path)
     assert len(set(bounds.values())) == 3
 
 
+@LONG
 def test_a_proposed_measurement_is_a_procedure(samples: Path, tmp_path: Path) -> None:
     best = document("plan", samples / "simulated_zero-max-min.jsonl")["next"]
     path = tmp_path / "next.toml"
@@ -528,6 +531,7 @@ def test_minutes_are_those_of_a_machine_that_moves_itself(tmp_path: Path) -> Non
         assert best["minutes"] == pytest.approx(set_up, abs=1e-9)
 
 
+@LONG
 @pytest.mark.parametrize("name", [*machine_files(), "hexaslide"])
 def test_a_machine_file_to_begin_with_is_one_that_the_program_takes(
     tmp_path: Path, name: str

@@ -43,6 +43,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return session, entered
 
 
+@LONG
 def test_the_machine_is_found_and_verified(measured: tuple[Path, Path], tmp_path: Path) -> None:
     before, entered = measured
     assert glidecal("validate", before).status == 0

@@ -10,7 +10,7 @@ import pytest
 
 from protocols.data_table import FORMATS
 from tests.app.cli import glidecal, refused
-from tests.conftest import SAMPLES
+from tests.conftest import LONG, SAMPLES
 
 SESSION = SAMPLES / "experiment_2_six.jsonl"
 
@@ -31,6 +31,7 @@ def test_readings_come_back_through_import(form: str, tmp_path: Path) -> None:
     assert refused(2, "export", SESSION, "--format", form, "--table", "readings", "-o", table)
 
 
+@LONG
 def test_differences_and_residuals_are_those_of_solve(tmp_path: Path) -> None:
     differences = json.loads(glidecal("solve", SESSION, "--json").out)["differences"]
     table = tmp_path / "d.csv"

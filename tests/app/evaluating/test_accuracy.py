@@ -104,6 +104,7 @@ def test_a_tolerance_is_a_positive_length(samples: Path) -> None:
         assert f"found {wrong} mm. Allowed: a positive length in mm" in " ".join(message.split())
 
 
+@LONG
 @pytest.mark.parametrize(("protocol", "repeats"), [("zero-max-min", True), ("one.toml", False)])
 def test_repeats_that_all_agree_are_repeats(tmp_path: Path, protocol: str, repeats: bool) -> None:
     """A simulation without scatter and display. Before: it had "no repeats" in three cycles."""
@@ -123,6 +124,7 @@ def test_repeats_that_all_agree_are_repeats(tmp_path: Path, protocol: str, repea
     assert "no repeats" not in text
 
 
+@LONG
 def test_all_documents_state_one_noise(samples: Path) -> None:
     """Repeats less a steady drift of each set-up, by least squares of all in one.
 
@@ -159,6 +161,7 @@ def test_all_documents_state_one_noise(samples: Path) -> None:
     assert f"noise of a reading\n{words}" in glidecal("diagnose", session).out
 
 
+@LONG
 def test_sessions_of_one_indicator_are_not_indicators_that_differ(tmp_path: Path) -> None:
     """The posterior has an estimate for each session; both differ by chance alone."""
     sessions = [tmp_path / f"{seed}.jsonl" for seed in (8, 9)]

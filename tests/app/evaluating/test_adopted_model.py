@@ -28,6 +28,7 @@ from calib.tripod.workspace import workspace_points
 from protocols.effect_entries import EffectEntry, ParameterEntry
 from protocols.journal import write_whole
 from protocols.model_file import ModelFile, read_model_file
+from tests.conftest import LONG
 
 OFFSETS_MM = (0.4, -0.3, 0.2)
 LENGTHS_MM = (0.03, -0.05, 0.02)
@@ -106,6 +107,7 @@ def joints_of(geometry: Geometry, tool: FloatArray) -> FloatArray:
     return np.asarray(root(beside, geometry.zero_mm + tool, tol=1e-12).x)
 
 
+@LONG
 def test_the_bound_with_an_adopted_lean_holds(leaning: Path) -> None:
     plain, known = solve_files([leaning]), solve_files([leaning], model=adopted(leaning))
     assert left_mm(known) < known.correction.bound_mm
@@ -115,6 +117,7 @@ def test_the_bound_with_an_adopted_lean_holds(leaning: Path) -> None:
     assert aligned[1] == pytest.approx(aligned[0], rel=0.05)
 
 
+@LONG
 def test_the_model_is_what_the_posterior_expects(sagging: Path) -> None:
     path = adopted(sagging)
     model = read_model_file(path)
@@ -170,6 +173,7 @@ def test_a_table_of_a_short_wave_is_written_with_what_it_leaves(tmp_path: Path) 
     assert bounds[0] ** 2 - bounds[1] ** 2 == pytest.approx(beside**2, rel=1e-6)
 
 
+@LONG
 def test_the_frame_is_that_of_the_last_session(tmp_path: Path) -> None:
     truth = ModelFile(parameters_mm={"d_rho_x": 0.4})
     (tmp_path / "truth.json").write_text(truth.text(), encoding="utf-8")
@@ -186,6 +190,7 @@ def test_the_frame_is_that_of_the_last_session(tmp_path: Path) -> None:
     assert tool.now_mm == pytest.approx(diagnose_files(paths[1:]).tool.now_mm, rel=0.1)
 
 
+@LONG
 def test_offsets_that_changed_between_sessions_are_told(tmp_path: Path) -> None:
     paths = []
     for number, change_mm in enumerate((0.0, -1.2)):

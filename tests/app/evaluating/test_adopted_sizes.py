@@ -14,6 +14,7 @@ from calib.tripod.effects.drives import Backlash
 from protocols.effect_entries import EffectEntry, ParameterEntry
 from protocols.machine import Machine
 from protocols.model_file import ModelFile, free_effects
+from tests.conftest import LONG
 from tests.hidden_sessions import write_session
 
 TRUE_MM, WRONG_MM = 0.05, 0.03
@@ -38,6 +39,7 @@ def play_mm(diagnosed: SessionDiagnosis) -> float:
     return diagnosed.corrections.of("play").values["backlash z: play"].value
 
 
+@LONG
 def test_the_size_that_is_entered_is_that_of_the_readings(session: Path, tmp_path: Path) -> None:
     diagnosed = diagnose_files([session], model=model(tmp_path))
     assert diagnosed.diagnosis.verdict == "agrees"

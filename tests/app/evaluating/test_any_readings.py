@@ -95,6 +95,7 @@ KEPT = st.lists(st.booleans(), min_size=60, max_size=60) | st.integers(1, 60).ma
 """Which readings there are: any of the first 60, or all of the first few."""
 
 
+@LONG
 @settings(max_examples=3)
 @given(st.sampled_from(NAMES), KEPT, FACTORS, OUTLIERS_MM)
 def test_some_readings(name: str, kept: list[bool], factor: float, outlier_mm: float) -> None:
@@ -109,6 +110,7 @@ def test_many_readings(name: str, kept: list[bool], factor: float, outlier_mm: f
     check_answer(name, kept, factor, outlier_mm)
 
 
+@LONG
 @pytest.mark.parametrize(
     ("name", "kept", "factor", "outlier_mm"),
     [

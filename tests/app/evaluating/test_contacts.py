@@ -80,6 +80,7 @@ def test_readings_of_an_indicator_keep_its_names(tmp_path: Path) -> None:
     assert "plate_tilt" not in ids
 
 
+@LONG
 @pytest.mark.parametrize("scale", first_quick([8e-3, -8e-3]))
 def test_a_belt_is_named_in_contacts(tmp_path: Path, scale: float) -> None:
     hidden = Hidden(offset_mm=(0.4, -0.3, 0.1), scale=(0.0, scale, 0.0))
@@ -89,6 +90,7 @@ def test_a_belt_is_named_in_contacts(tmp_path: Path, scale: float) -> None:
     assert ("actuator_scale", "y") in ids
 
 
+@LONG
 @pytest.mark.parametrize("bow_mm", first_quick([-0.5, 0.4]))
 def test_a_round_plate_and_a_wrong_radius_are_rivals(tmp_path: Path, bow_mm: float) -> None:
     """A dish of ten tolerances was called towers 1.26 mm too far out, with 0.98."""
@@ -113,6 +115,7 @@ def test_a_round_plate_and_a_wrong_radius_are_rivals(tmp_path: Path, bow_mm: flo
     assert trial.solved.solution.rms_after_mm < 0.1 * abs(bow_mm)
 
 
+@LONG
 def test_one_contact_beside_dirt_is_a_mistake_in_words_of_contacts(tmp_path: Path) -> None:
     lines = contacts(sound(2), 5).splitlines()
     x, y, z, height, cycle = lines[25].split(",")
@@ -128,6 +131,7 @@ def test_one_contact_beside_dirt_is_a_mistake_in_words_of_contacts(tmp_path: Pat
     assert "one contact is wrong" in diagnosis["effects"][0]["title"]
 
 
+@LONG
 def test_contacts_and_readings_of_a_plate_stand_in_one_solution(tmp_path: Path) -> None:
     """A session of each, of one machine: the gain is that of the indicator alone."""
     hidden = Hidden(offset_mm=(0.9, -0.6, 0.2), length_mm=(0.2, 0.0, -0.2), gain=0.2)
@@ -158,6 +162,7 @@ def test_texts_of_contacts_name_no_indicator(tmp_path: Path) -> None:
             assert "indicator" not in text.lower(), name
 
 
+@LONG
 def test_places_are_compared_however_high_the_plate_was_met(tmp_path: Path) -> None:
     """Before and after values were entered: each place by itself, what is left of each offset."""
     first, again = Hidden(offset_mm=(0.4, -0.3, 0.2)), Hidden(offset_mm=(0.1, 0.1, 0.1))

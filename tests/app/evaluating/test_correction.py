@@ -17,7 +17,7 @@ from tests.blind.blunders import Table
 from tests.blind.cases import BLUNDERS, Case
 from tests.blind.forward import FloatArray
 from tests.blind.generator import make
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 NOISE_MM = 0.002
 
@@ -52,6 +52,7 @@ def place(reading: Reading) -> tuple[str, str, float, float, int]:
     return reading.leg or "", reading.axis, reading.station, reading.displacement_mm, reading.cycle
 
 
+@LONG
 @pytest.mark.parametrize("kind", first_quick(BLUNDERS))
 def test_the_new_record_is_the_session_without_the_mistake(kind: str, tmp_path: Path) -> None:
     sample = make(Case(f"correct/{kind}", "none", "two-station", "gaussian"), 3)

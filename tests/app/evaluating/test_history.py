@@ -87,6 +87,7 @@ def orthoglide(folder: Path, index: Path) -> MachineHistory:
     return next(machine for machine in folder_history.machines if machine.machine == "orthoglide")
 
 
+@LONG
 def test_offsets_are_followed_through_what_is_entered(folder: Path, index: Path) -> None:
     machine = orthoglide(folder, index)
     assert [point.path.name for point in machine.points] == [f"s{k}.jsonl" for k in range(6)]
@@ -448,6 +449,7 @@ def test_the_decision_is_that_of_solve(tmp_path: Path) -> None:
     assert machine.last.decision == judge(solve_files([path]), 0.5).before == "fail"
 
 
+@LONG
 def test_the_command(folder: Path, tmp_path: Path) -> None:
     report = json.loads(glidecal("history", folder, "--json").out)
     assert report["schema"] == "glidecal.history/1"
@@ -466,6 +468,7 @@ def test_effects_are_diagnosed_where_asked_for(tmp_path: Path) -> None:
     assert folder_history.machines[0].last.effects == ()
 
 
+@LONG
 @given(words=st.text(max_size=30))
 @example(words="\ue000 {page.next} \ue000")  # what lines have for a key while they are broken
 @settings(max_examples=100)

@@ -19,7 +19,7 @@ from protocols.machine import Machine
 from protocols.model_file import model_file, read_model
 from tests.app.cli import glidecal, refused
 from tests.builders import postures
-from tests.conftest import ROOT
+from tests.conftest import LONG, ROOT
 
 OFF = (1.2, -0.7, 0.4, 0.05, -0.02, 0.03)
 
@@ -81,6 +81,7 @@ def test_the_documented_effect_in_a_model(folder: Path, tmp_path: Path) -> None:
     assert "'bent_arm'" in refused(3, "simulate", "--model", path, "-o", tmp_path / "t.jsonl")
 
 
+@LONG
 def test_the_documented_effect_is_adopted_and_fitted(folder: Path, tmp_path: Path) -> None:
     """It acts only where readings are not 0: a nominal machine does not show it."""
     write(folder, documented())
@@ -102,6 +103,7 @@ def test_the_documented_effect_is_adopted_and_fitted(folder: Path, tmp_path: Pat
         assert size["standard_uncertainty"] < 20.0
 
 
+@LONG
 def test_the_documented_effect_in_the_demonstration(folder: Path, tmp_path: Path) -> None:
     write(folder, documented())
     run = glidecal("demo", "--headless", "--effect", "bent_arm", cwd=tmp_path)

@@ -12,7 +12,7 @@ from app.evaluating.comparison import entered_word
 from protocols.journal import write_whole
 from protocols.record import read_record
 from tests.app.cli import glidecal, refused
-from tests.conftest import SAMPLES, first_quick
+from tests.conftest import LONG, SAMPLES, first_quick
 
 D_RHO = (0.8, -0.5, 0.3)
 NAMES = ("d_rho_x", "d_rho_y", "d_rho_z")
@@ -93,6 +93,7 @@ def test_the_figure_shown_is_on_the_side_of_the_tolerance_that_was_decided(tmp_p
         assert float(match[1]) == pytest.approx(bound_mm, rel=0.05)
 
 
+@LONG
 def test_without_a_tolerance_nothing_is_judged_and_a_hidden_effect_is_pointed_at(
     tmp_path: Path,
 ) -> None:

@@ -22,6 +22,7 @@ from calib.identify.solution import Subset
 from calib.posterior.tool import Frame
 from calib.tripod.geometry import Geometry, direct, inverse
 from calib.tripod.workspace import workspace_points
+from tests.conftest import LONG
 
 PLAY_MM = 0.1
 
@@ -152,6 +153,7 @@ def test_what_fits_best_is_what_a_model_gives(session: glidecal.Session, tmp_pat
     assert statistics[1] == min(statistics)
 
 
+@LONG
 def test_an_effect_of_the_model_is_held_in_place_of_being_fitted(
     session: glidecal.Session, tmp_path: Path
 ) -> None:

@@ -127,6 +127,7 @@ def test_an_ambiguous_effect_is_exported_with_its_sentence(tmp_path: Path) -> No
     assert "backlash (y), one of several effects that explain the readings" in words
 
 
+@LONG
 def test_an_ambiguous_effect_is_said_to_be_one_wherever_the_model_is_used(
     samples: Path, tmp_path: Path
 ) -> None:

@@ -36,6 +36,7 @@ def solved(samples: Path) -> Callable[[str], SessionSolution]:
     return lambda name: solve_files([samples / f"{name}.jsonl"]).work_out()
 
 
+@LONG
 def test_next_is_always_the_next_thing(solved: Callable[[str], SessionSolution]) -> None:
     sound, doubtful = solved("simulated_zero-max-min"), solved("experiment_2_twelve")
 

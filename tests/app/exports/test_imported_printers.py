@@ -21,7 +21,7 @@ import pytest
 
 from tests.app.cli import glidecal, refused
 from tests.app.exports import upright_towers as true
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 from tests.protocols.printers.answers import TEN, m503, real_eeprom
 from tests.protocols.printers.printers import printer_cfg
 
@@ -66,6 +66,7 @@ def simulated(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     return session_of(tmp_path_factory.mktemp("simulated"), text[request.param])
 
 
+@LONG
 @pytest.mark.parametrize("kind", first_quick(true.READ_ANY))
 def test_the_true_machine_keeps_its_height_over_the_plate(
     kind: str, simulated: Path, tmp_path: Path
@@ -115,6 +116,7 @@ def real(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return session_of(tmp_path_factory.mktemp("real"), real_eeprom())
 
 
+@LONG
 @pytest.mark.parametrize("kind", first_quick(REAL_READ))
 @pytest.mark.parametrize(
     "options", first_quick([(), ("--subset", "leg-lengths")]), ids=["correction", "lengths"]
@@ -130,6 +132,7 @@ def test_ten_contacts_of_a_real_printer_stay_at_their_height(
     assert after.std() < before.std()
 
 
+@LONG
 def test_no_document_drops_what_the_firmware_of_a_printer_holds(
     simulated: Path, tmp_path: Path
 ) -> None:

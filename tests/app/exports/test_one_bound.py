@@ -19,7 +19,7 @@ from calib.tripod.workspace import machine_at, workspace_points
 from protocols.model_file import read_model_file, to_model
 from tests.app.cli import glidecal
 from tests.blind.today import inverse_of
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 BOUND = re.compile(r"at most ([\d.]+) mm with these values")
 TRUTH = {"d_rho_x": 0.8, "d_rho_y": -0.5, "d_rho_z": 0.3}
@@ -77,6 +77,7 @@ def true_error_mm(folder: Path, entered: Model) -> float:
     return float(np.sqrt(((off - off.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
+@LONG
 @pytest.mark.parametrize("kind", first_quick(list(HOLDS)))
 def test_every_file_states_the_bound_of_what_it_holds(
     folder: Path, solved: SessionSolution, tmp_path: Path, kind: str

@@ -23,7 +23,7 @@ from protocols.model_file import read_model_file
 from tests.app.cli import glidecal
 from tests.app.report.certificates import report_of
 from tests.blind.corrections import sessions
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 MACHINES: dict[str, tuple[str, ...]] = {
     "play": ("--protocol", "two-station", "--effect", "backlash:y", "--size", "0.06"),
@@ -91,6 +91,7 @@ def exported(session: Path, out: Path, *options: str | Path) -> Path:
     return out
 
 
+@LONG
 def test_every_number_that_is_shown_first_is_written(session: Path, tmp_path: Path) -> None:
     correction = answered(session)
     values = {name: entry["value"] for name, entry in correction["values"].items()}
@@ -190,6 +191,7 @@ def test_what_a_format_cannot_hold_is_in_its_bound_and_named(play: Path, tmp_pat
     assert "states how the joints home" in message
 
 
+@LONG
 def test_the_frame_changes_the_values_and_stands_beside_them(tilt: Path, tmp_path: Path) -> None:
     """Two axes out of square: offsets that serve a workpiece that is aligned are others."""
     machine, aligned = (answered(tilt, frame=frame) for frame in FRAMES[:0:-1])
@@ -216,6 +218,7 @@ def test_the_frame_of_the_machine_file_is_taken(tilt: Path, tmp_path: Path) -> N
     assert answered(record)["values"] == answered(record, frame="aligned")["values"]
 
 
+@LONG
 def test_an_adopted_effect_is_in_the_correction_once(play: Path, tmp_path: Path) -> None:
     """With a model that has the play, the play is its size: not twice, and not left out."""
     model = tmp_path / "m.json"
@@ -258,6 +261,7 @@ def test_sessions_of_one_machine_are_corrected_together(samples: Path) -> None:
     assert offsets_mm == pytest.approx(less_lengths_mm, abs=0.015)
 
 
+@LONG
 def test_a_likely_mistake_in_the_readings_is_named_with_the_values(tmp_path: Path) -> None:
     """A sign reversed on one mounting, by the machine and the mistakes of the blind bench."""
     ((_, hidden),) = sessions(1, 6, ["gross mistakes beside"])

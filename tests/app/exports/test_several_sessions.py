@@ -29,6 +29,7 @@ def document(*words: str | Path) -> dict[str, Any]:
     return content
 
 
+@LONG
 def test_bars_and_plate_in_one_export(tmp_path: Path) -> None:
     """Readings of bars and of the tool: the values are those of the common solution."""
     sessions = simulated(tmp_path, "bars"), simulated(tmp_path, "plate-rings")

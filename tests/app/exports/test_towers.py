@@ -68,6 +68,7 @@ def test_bars_towers_and_switches_go_into_the_firmware_of_printers(
     assert f"is then ({x}, {y}, " in remarks
 
 
+@LONG
 @pytest.mark.parametrize("kind", [*READ, "smoothieware"])
 def test_travels_of_towers_go_into_the_firmware_with_the_height_kept(
     kind: str, tmp_path: Path
@@ -86,6 +87,7 @@ def test_travels_of_towers_go_into_the_firmware_with_the_height_kept(
     assert rms(errors(hidden, worse)) > 1.5 * rms(errors(hidden, BELIEVED))
 
 
+@LONG
 @pytest.mark.parametrize("kind", first_quick(READ))
 def test_travels_that_nobody_stated_stay_and_the_file_says_so(kind: str, tmp_path: Path) -> None:
     silent = {"rotation_distance_mm": None, "steps_per_mm": None}
@@ -190,6 +192,7 @@ def plate_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return read_over_the_plate(OFF_IN_ALL, tmp_path_factory.mktemp("plate"))
 
 
+@LONG
 @pytest.mark.parametrize("kind", first_quick(READ_ANY))
 def test_the_height_at_the_plate_is_kept(kind: str, plate_session: Path, tmp_path: Path) -> None:
     """The true machine, sent to the middle of the plate with the values that it had and the new."""
@@ -213,6 +216,7 @@ def test_the_height_at_the_plate_is_kept_by_lineardeltakins(
     assert raised[2] == pytest.approx(0.0, abs=0.05)
 
 
+@LONG
 @pytest.mark.parametrize("kind", READ)
 @pytest.mark.parametrize("hidden", [ANYTHING, Hidden((-1.2, -0.9, -1.5)), Hidden()])
 def test_the_first_line_says_to_touch_the_plate_again(
@@ -329,6 +333,7 @@ def test_lineardeltakins_says_what_unequal_bars_leave(tmp_path: Path) -> None:
     assert f"Alone d_L leaves {residual:.4f} mm" in text
 
 
+@LONG
 @pytest.mark.parametrize("kind", [*READ, "lineardeltakins"])
 def test_what_the_firmware_holds_now_is_never_assumed(kind: str, tmp_path: Path) -> None:
     model, out = tmp_path / "model.json", tmp_path / "out"

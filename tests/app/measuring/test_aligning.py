@@ -72,6 +72,7 @@ def turn(guided: GuidedSession, work: Round, number: int, by_mm: float) -> None:
         time.sleep(0.05)
 
 
+@LONG
 def test_a_round_of_turning_and_measuring(tmp_path: Path) -> None:
     path = tmp_path / "s.jsonl"
     with measured(path) as (guided, work):
@@ -110,6 +111,7 @@ def test_a_round_of_turning_and_measuring(tmp_path: Path) -> None:
     assert json.loads(glidecal("align", path, "--json", "--reference", "z").out)["reference"] == "z"
 
 
+@LONG
 def test_nothing_from_before_holds_after(tmp_path: Path) -> None:
     earlier, later = tmp_path / "a.jsonl", tmp_path / "b.jsonl"
     with start_session(plan(earlier)) as guided:

@@ -28,7 +28,7 @@ from protocols.procedure import load_procedure
 from protocols.record import read_record
 from protocols.session import fold
 from tests.app.cli import glidecal, refused
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 IDS = tuple(dict.fromkeys(effect.id for effect in CATALOGUE))
 LENGTH = "leg_length"  # lengths are always fitted: it takes a size to show beyond its tolerance
@@ -83,6 +83,7 @@ def test_the_same_seed_hides_the_same_effect(tmp_path: Path) -> None:
     assert first == again
 
 
+@LONG
 @pytest.mark.parametrize("effect", ["backlash", "leg_taper"])
 def test_the_bench_measures_the_machine_with_its_effect(tmp_path: Path, effect: str) -> None:
     """Readings equal the simulation over the conditions of the record, to the display's step."""
@@ -127,6 +128,7 @@ def test_the_record_tells_nothing_and_verification_keeps_it(tmp_path: Path) -> N
     assert after.bench.effects == plan.bench.effects
 
 
+@LONG
 def test_demo_says_where_to_look(tmp_path: Path) -> None:
     run = glidecal("demo", "--headless", "--effect", "straightness", "--seed", "2", cwd=tmp_path)
     assert run.status == 0, run.err
@@ -143,6 +145,7 @@ def test_demo_says_where_to_look(tmp_path: Path) -> None:
     assert "glidecal diagnose demo-sessions" not in plain.out  # chance may warn of a drift
 
 
+@LONG
 def test_the_whole_loop_names_what_is_hidden(tmp_path: Path) -> None:
     (tmp_path / "both.toml").write_text(
         'schema = "glidecal.procedure/1"\nname = "both"\ntitle = "From both sides"\n'

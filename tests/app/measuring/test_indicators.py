@@ -35,7 +35,7 @@ from drivers.twins import LineTrouble
 from protocols.machine import Instrument
 from protocols.procedure import axes_on_leg, load_procedure
 from tests.app.cli import glidecal, refused
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 
 @pytest.mark.parametrize(
@@ -189,6 +189,7 @@ def test_enter_goes_on_and_a_number_goes_there() -> None:
     assert visited == [1, 2, 3, 30, 30, 1, 30, 1]
 
 
+@LONG
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
 def test_a_rehearsal_goes_where_the_machine_would() -> None:
     """Both indicators follow the steps of the hidden machine, and come back."""

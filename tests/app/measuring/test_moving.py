@@ -41,7 +41,7 @@ from tests.app.measuring.moving_machine import (
     with_faults,
     wrong,
 )
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 from tests.drivers.motion.bench import comes_true
 
 BOTH = ("xyz", "xyz")
@@ -96,6 +96,7 @@ EVERY_KIND = (
 )
 
 
+@LONG
 @pytest.mark.parametrize("seed", first_quick([1, 2]))
 def test_no_fault_leaves_a_reading_of_a_wrong_posture(seed: int, tmp_path: Path) -> None:
     """Six kinds, each at a moment of its own; the seventh, a killed program, has to be started
@@ -118,6 +119,7 @@ def test_a_set_up_that_is_not_confirmed_moves_nothing_but_to_zero(tmp_path: Path
         assert not taken(tmp_path / "a.jsonl")
 
 
+@LONG
 def test_a_session_that_broke_off_is_continued_from_the_same_side(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     with moving_session(path) as (guided, bench, _):
@@ -211,6 +213,7 @@ def test_a_second_client_is_noticed_before_the_next_take(tmp_path: Path) -> None
     assert any("step 1 not taken" in text for text in notes)
 
 
+@LONG
 @pytest.mark.parametrize("moving", first_quick([True, False]), ids=["on the way", "at rest"])
 def test_an_indicator_that_answers_late_is_asked_again(moving: bool, tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
@@ -275,6 +278,7 @@ def test_indicators_are_waited_for_longer_than_the_longest_window() -> None:
         Procedure.model_validate(longest)
 
 
+@LONG
 def test_a_demonstration_that_moves_itself_finds_the_hidden_offsets(tmp_path: Path) -> None:
     plan = demo_plan(tmp_path, None, 5, by_itself="twin")
     once = plan.procedure.model_copy(update={"cycles": 1})

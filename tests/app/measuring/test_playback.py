@@ -20,7 +20,7 @@ from protocols.record import Record, read_record
 from protocols.session import Event, fold
 from protocols.session import Reading as Recorded
 from tests.app.cli import refused
-from tests.conftest import SAMPLES
+from tests.conftest import LONG, SAMPLES
 from tests.recorded import REASON, at, opened, pair, story
 
 WHOLE = sorted(p for p in SAMPLES.glob("*.jsonl") if p.name != "damaged.jsonl")
@@ -330,6 +330,7 @@ def move(playback: Playback, name: str, value: float | str | None) -> None:
         assert (name, value) == ("jump_to", "9")
 
 
+@LONG
 @given(st.lists(MOVES, max_size=30))
 def test_any_way_leads_to_the_same_picture(moves: list[tuple[str, float | str | None]]) -> None:
     playback = told()

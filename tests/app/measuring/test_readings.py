@@ -28,6 +28,7 @@ MISTAKES = 500 if FULL else 60
 pytestmark = pytest.mark.timeout(3600)
 
 
+@LONG
 @pytest.mark.parametrize("automatic", first_quick([False, True]))
 def test_no_take_without_a_move_where_one_is_to_be_seen(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, automatic: bool

@@ -148,6 +148,7 @@ def test_a_report_works_out_one_posterior(monkeypatch: pytest.MonkeyPatch) -> No
     )
 
 
+@LONG
 def test_only_sessions_of_certified_indicators_are_traceable(tmp_path: Path) -> None:
     record = read_record(SIXTY)
     instruments = tuple(
@@ -164,6 +165,7 @@ def test_only_sessions_of_certified_indicators_are_traceable(tmp_path: Path) -> 
     assert str(unknown.parts[-1]).startswith("Traceability to the SI is not shown")
 
 
+@LONG
 def test_a_table_is_traceable_through_the_instruments_of_the_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -184,6 +186,7 @@ def test_a_table_is_traceable_through_the_instruments_of_the_order(
     assert [instrument.name for instrument in unnamed.instruments] == ["table"]
 
 
+@LONG
 def test_several_sessions_are_verified_by_the_values_that_were_entered(tmp_path: Path) -> None:
     """One number on both pages: that of all sessions, not of the last one alone."""
     paths = [tmp_path / f"{seed}.jsonl" for seed in (1, 2, 3)]

@@ -108,6 +108,7 @@ def with_tolerance(source: Path, target: Path, tolerance_mm: float | None) -> Pa
     return target
 
 
+@LONG
 @pytest.mark.parametrize(
     ("earlier_mm", "later_mm", "judged_mm"),
     [(0.05, 0.001, 0.001), (None, 0.5, 0.5), (0.5, None, 0.5)],
@@ -127,6 +128,7 @@ def test_every_decision_is_against_the_tolerance_beside_it(
     assert f"tolerance {judged_mm:g} mm" in calibration.judged_words
 
 
+@LONG
 def test_the_last_day_is_that_of_the_last_reading(order: Path, tmp_path: Path) -> None:
     """Before: both days were that of the session's begin."""
     record, path = read_record(SIMULATED), tmp_path / "overnight.jsonl"
@@ -144,6 +146,7 @@ def test_the_last_day_is_that_of_the_last_reading(order: Path, tmp_path: Path) -
     assert "2026-11-20 to 2026-11-21" in " ".join(html.split())
 
 
+@LONG
 def test_another_serial_number_in_the_record_is_shown(order: Path, tmp_path: Path) -> None:
     """The order may mend a number, or be that of another machine: who signs must see both."""
     record = read_record(SIMULATED)

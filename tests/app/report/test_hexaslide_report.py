@@ -39,6 +39,7 @@ def words(page: str) -> str:
     return " ".join(re.sub(r"<[^>]+>", " ", page).split())
 
 
+@LONG
 def test_the_report_says_what_is_to_be_entered(pair: tuple[Path, Path], tmp_path: Path) -> None:
     """Its values are those of the file that export writes; its error is that of the truth."""
     before, _ = pair
@@ -69,6 +70,7 @@ def test_the_report_says_what_is_to_be_entered(pair: tuple[Path, Path], tmp_path
     assert output.read_text("utf-8").count("data:image/svg+xml") == 2
 
 
+@LONG
 def test_a_later_session_decides(pair: tuple[Path, Path], tmp_path: Path) -> None:
     before, after = pair
     output = tmp_path / "report.pdf"
@@ -192,6 +194,7 @@ def test_strange_names_stay_texts(tmp_path: Path) -> None:
     assert "&lt;script&gt;a&lt;/script&gt;" in page
 
 
+@LONG
 def test_the_history_is_that_of_one_machine(pair: tuple[Path, Path], tmp_path: Path) -> None:
     """A calibrated machine is the one that it was before, and what was entered is an event."""
     for path in pair:
@@ -257,6 +260,7 @@ def truly_off_mm(path: Path) -> float:
     return 1000.0 * frames_apart(np.asarray(believed), np.asarray(stands), free).places_rms_m
 
 
+@LONG
 @pytest.mark.parametrize("procedure", first_quick(["position", "pose-forward"]))
 def test_a_wrong_posture_does_not_spoil_the_machine(procedure: str, tmp_path: Path) -> None:
     """1 mm in one of the postures: believed, it left 0.11 mm at the platform instead of 0.013."""

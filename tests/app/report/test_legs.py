@@ -12,7 +12,7 @@ import glidecal
 from app.report.charts.legs import LegFigure, scale_words
 from app.report.pages.notebook import SessionFigures
 from tests.app.cli import glidecal as command
-from tests.conftest import SAMPLES
+from tests.conftest import LONG, SAMPLES
 from tests.hidden_sessions import write_session
 
 SWEEP = SAMPLES / "simulated_sweep.jsonl"
@@ -96,6 +96,7 @@ def test_a_notebook_shows_it_and_draws_it_on_axes(figures: SessionFigures) -> No
         assert curves[series.name] == list(series.y)
 
 
+@LONG
 def test_an_adopted_play_is_a_line_for_each_direction(tmp_path: Path) -> None:
     """Across leg Y along X the play of carriage X shows; what is left is noise then."""
     session = write_session(tmp_path / "play.jsonl", "sweep", 3, "backlash:x", 0.03)

@@ -153,6 +153,7 @@ def test_the_shares_of_the_budget_add_up(experiment: CalibrationReport) -> None:
     )
 
 
+@LONG
 def test_what_to_enter_comes_on_top(tmp_path: Path) -> None:
     """The offsets of a session that was measured with some entered already."""
     record = read_record(SIMULATED)
@@ -172,6 +173,7 @@ def test_what_to_enter_comes_on_top(tmp_path: Path) -> None:
     assert "A. Fitter" in Page(html_of(report)).text
 
 
+@LONG
 def test_a_session_that_verifies_another_is_reported_with_it(tmp_path: Path) -> None:
     """In the terminal, by key and in the browser alike; alone where the other file is gone."""
     before, after = tmp_path / "before.jsonl", tmp_path / "after.jsonl"
@@ -192,6 +194,7 @@ def test_a_session_that_verifies_another_is_reported_with_it(tmp_path: Path) -> 
     assert "No session after" in glidecal("report", after, "-o", "-").out
 
 
+@LONG
 def test_readings_that_were_questioned_stand_by_themselves(tmp_path: Path) -> None:
     record = read_record(SIMULATED)
     path = tmp_path / "doubted.jsonl"
@@ -239,6 +242,7 @@ def test_columns_have_room_for_their_numbers_and_share_the_rest() -> None:
     assert min(widths_em(crowded.columns)) > 5.0, "texts keep some room beside many numbers"
 
 
+@LONG
 def test_a_name_stands_in_the_evidence(tmp_path: Path) -> None:
     path = write_session(tmp_path / "play.jsonl", "two-station", 4, "backlash", 0.05)
     evidence, _ = _pictures(_section(report_of([path]), "What is missing from the model"))
@@ -253,6 +257,7 @@ def test_a_name_stands_in_the_evidence(tmp_path: Path) -> None:
     assert named.gap_rms_after_mm < 0.2 * diagnosis.gap_before.rms_mm
 
 
+@LONG
 def test_the_decision_rule_stands_with_the_decision() -> None:
     """A tolerance below the bound with the values, and far below what is expected now."""
     solved = solve_files([SIMULATED])
@@ -270,6 +275,7 @@ def test_without_a_tolerance_nothing_is_judged(experiment: CalibrationReport) ->
     assert experiment.decision.startswith("NOT JUDGED")
 
 
+@LONG
 def test_the_same_bytes_twice(experiment: CalibrationReport) -> None:
     html = html_of(experiment)
     assert html == html_of(report_of([EXPERIMENT]))
@@ -349,6 +355,7 @@ def hostile_session(folder: Path, words: Sequence[str] = HOSTILE) -> Path:
     return path
 
 
+@LONG
 def test_names_of_a_hostile_record_are_text(tmp_path: Path) -> None:
     page = Page(html_of(report_of([hostile_session(tmp_path)])))
     assert {"script", "svg"}.isdisjoint(tag for tag, _ in page.elements)
@@ -376,6 +383,7 @@ def test_the_figures_of_a_plate_can_be_read(tmp_path: Path) -> None:
     assert len(set(before.x)) == len(before.x) == len(cells)
 
 
+@LONG
 def test_with_a_later_session_it_decides(tmp_path: Path) -> None:
     after = tmp_path / "after.jsonl"
     offsets = ",".join(f"{mm}" for mm in solve_files([SIMULATED]).joint_offsets_mm)
@@ -392,6 +400,7 @@ def test_with_a_later_session_it_decides(tmp_path: Path) -> None:
     ) == 1
 
 
+@LONG
 @pytest.mark.filterwarnings("ignore:HarfBuzz-Subset:DeprecationWarning")  # of the system
 def test_pdf_is_the_same_twice_and_drawn(experiment: CalibrationReport) -> None:
     html = html_of(replace(experiment, sections=experiment.sections[:2]))
@@ -405,6 +414,7 @@ def test_pdf_is_the_same_twice_and_drawn(experiment: CalibrationReport) -> None:
     assert b"/Image" not in printed, "figures are lines and letters, no pixels"
 
 
+@LONG
 def test_the_command(tmp_path: Path) -> None:
     target = tmp_path / "report.html"
     run = glidecal("report", EXPERIMENT, "-o", target)

@@ -22,6 +22,7 @@ from tests.app.cli import glidecal, refused
 from tests.app.posture_sessions import TOLERANCE_MM, before_and_after, posture_session
 from tests.app.report.certificates import LABORATORY, ORDER, laboratory
 from tests.app.report.test_dcc import NAMES, faults_of, values_of
+from tests.conftest import LONG
 
 __all__ = ["faults_of"]  # the fixture
 
@@ -129,6 +130,7 @@ def test_the_values_are_those_of_the_machine_file(
             assert stated[f"chain {number}: rail {axis}"] == pytest.approx(rail, abs=1e-9)
 
 
+@LONG
 def test_the_certificate_on_paper(pair: tuple[Path, Path], order: Path, tmp_path: Path) -> None:
     """Head, customer and tracker are on it; both records are; strangers' words are text."""
     before, after = pair

@@ -50,6 +50,7 @@ def figure(text: str, before: str) -> float:
     return float(number)
 
 
+@LONG
 def test_screws_of_the_endstops_mend_what_is_off_there(tmp_path: Path) -> None:
     """The switches moved by the last column, and the values of the firmware left as they are."""
     hidden = true.Hidden(switch_mm=SWITCHES)
@@ -84,6 +85,7 @@ def test_how_even_the_plate_would_be_is_what_the_firmware_would_show(tmp_path: P
     assert "No place was probed twice" in text
 
 
+@LONG
 def test_json_has_what_the_page_has(tmp_path: Path) -> None:
     """Values of firmware with their bound, which decides, and which a verification expects."""
     before = session_of(tmp_path, m503(true.OFF_IN_ALL, 2))
@@ -120,6 +122,7 @@ def scattered(scatter_mm: float) -> str:
     return re.sub(r"Z: (\S+)$", with_scatter, m503(true.Hidden(), 3), flags=re.MULTILINE)
 
 
+@LONG
 def test_a_probe_that_scatters_is_not_taken_for_geometry(tmp_path: Path) -> None:
     text = told(session_of(tmp_path, scattered(0.05)))
     assert figure(text, "Contacts at one place repeat to") == pytest.approx(0.05, rel=0.3)

@@ -21,6 +21,7 @@ from calib.design.refinement import (
     refine,
 )
 from calib.errors import CalibrationError, NotIdentifiable
+from tests.conftest import LONG
 
 ALL = list(Criterion)
 
@@ -95,6 +96,7 @@ def test_swap_formula_is_the_recomputed_determinant(seed: int, r: int, k: int, e
         assert ratios[incoming, place] == pytest.approx(expected, rel=1e-7, abs=1e-9)
 
 
+@LONG
 @pytest.mark.parametrize("criterion", ALL)
 @pytest.mark.parametrize("seed", range(4))
 def test_exchange_finds_the_best_of_all_subsets(criterion: Criterion, seed: int) -> None:

@@ -16,7 +16,7 @@ from calib.tripod.effects.drives import ActuatorCyclic
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
 from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, names, possible
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 PLAY = LAWS["backlash"]
 
@@ -57,6 +57,7 @@ def test_a_wrong_size_of_the_model_is_found_again(observed: object) -> None:
     assert u_mm == pytest.approx(value_and_deviation(without, (PLAY, "z"))[1], rel=0.2)
 
 
+@LONG
 def test_sizes_of_held_out_sessions_are_those_of_the_others() -> None:
     """The size that the model states would leave a gap there."""
     wrong = EffectInstance(PLAY, "z", (0.03,))
@@ -118,6 +119,7 @@ def test_a_size_that_fits_is_kept_and_its_uncertainty_is_in_the_bound() -> None:
     assert bounds_mm[0] > bounds_mm[1]
 
 
+@LONG
 def test_what_is_missing_beside_an_adopted_effect_is_named() -> None:
     """Whatever size of the adopted one is stated; postures that are left out find it again, too."""
     hidden = EffectInstance(PLAY, "z", (0.05,)), EffectInstance(LAWS["leg_bow"], "xy", (0.3,))

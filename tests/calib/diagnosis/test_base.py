@@ -27,7 +27,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     names,
     possible,
 )
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 SAMPLES = Path(__file__).parents[3] / "sample_sessions"
 USUAL = (0.5, -1.0, 1.2)
@@ -95,6 +95,7 @@ def test_a_bar_of_another_length_is_named_with_its_size() -> None:
     assert abs(length.value - 1.5) < 4.0 * length.standard_uncertainty
 
 
+@LONG
 @pytest.mark.parametrize("place", ["x", "y", "z"])
 def test_a_wrong_scale_is_seen_beside_bars_of_their_tolerance(place: str) -> None:
     scale = EffectInstance(LAWS["actuator_scale"], place, (0.5,))

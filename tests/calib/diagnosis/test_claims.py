@@ -16,6 +16,7 @@ from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import EMPIRICAL
 from calib.tripod.pipeline import Model
 from tests.calib.diagnosis.diagnosed_sessions import LAWS, SHORT, SWEEP, case
+from tests.conftest import LONG
 
 COMPONENTS = library([(Model(), SWEEP)])
 """What a sweep can show."""
@@ -152,6 +153,7 @@ def bounds_mm(posterior: Posterior) -> list[float]:
     return [entry.off.bound_mm["touched-off"] for entry in entries]
 
 
+@LONG
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_right_name_lowers_the_bound_and_a_certain_one_changes_nothing(seed: int) -> None:
     doubtful = posterior([case(SHORT, EffectInstance(LAWS["backlash"], "z", (0.03,)), seed=seed)])

@@ -23,7 +23,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     mistakes,
     with_values,
 )
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 Change = Callable[[Observations, FloatArray], FloatArray]
 
@@ -124,6 +124,7 @@ def test_values_go_back_to_their_labels(name: str, change: Change, repeated: boo
     assert len(groups) == session.observed.mount_count
 
 
+@LONG
 def test_two_mistakes_are_put_right_one_after_the_other() -> None:
     """An indicator reads the wrong way, and it changed places with the other one."""
     session = case(SHORT, seed=7)
@@ -160,6 +161,7 @@ def test_a_slip_gives_what_follows_a_mounting_of_its_own(repeated: bool) -> None
     assert np.array_equal(right.observed.value_mm, wrong.observed.value_mm)
 
 
+@LONG
 @pytest.mark.parametrize(("place", "off_mm"), [("zy", 0.1), ("xz", -2.0)])
 @pytest.mark.parametrize("repeated", first_quick([False, True]), ids=["once", "twice"])
 def test_a_wild_visit_is_left_out_and_nothing_else(
@@ -183,6 +185,7 @@ def test_a_wild_visit_is_left_out_and_nothing_else(
     assert key(right.observed) == key(session.observed.take(good_rows))
 
 
+@LONG
 def test_a_wild_reading_in_an_exchanged_table_is_out_where_it_was_written() -> None:
     session = case(SHORT, seed=3)
     wild = rows_of(session.observed, "zx")[4]

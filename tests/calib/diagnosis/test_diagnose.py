@@ -26,9 +26,10 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     names,
     with_readings,
 )
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 
+@LONG
 @pytest.mark.parametrize("observed", first_quick([SHORT, SWEEP, TWO_STATION]))
 def test_nothing_missing_agrees_and_says_what_would_have_been_seen(observed: Observations) -> None:
     verdicts = [diagnose([case(observed, seed=seed)], CATALOGUE) for seed in range(6)]
@@ -104,6 +105,7 @@ def test_two_effects() -> None:
     assert diagnosis.verdict == "explained"
 
 
+@LONG
 def test_sessions_share_effects_and_keep_their_own_offsets() -> None:
     effect = EffectInstance(LAWS["axis_squareness"], "yz", (0.4,))
     sessions = [case(SWEEP, effect, seed=seed) for seed in (1, 2)]
@@ -188,6 +190,7 @@ def test_two_effects_do_not_pass_for_one_in_every_place() -> None:
     assert ("leg_taper", "x,y,z") not in names(diagnosis)
 
 
+@LONG
 @pytest.mark.parametrize(("law", "value"), [(ScrewGrowth(), 11.5), (BarGrowth(), 3.6)])
 def test_what_is_warmer_grows(law: Effect, value: float) -> None:
     """Screws of steel, 11.5 µm/m K, or bars of steel, 310 mm, from 18 to 26 °C.

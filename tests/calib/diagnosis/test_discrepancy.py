@@ -100,6 +100,7 @@ def test_adopted_it_is_gone_and_the_model_agrees() -> None:
     assert diagnosis.left_over is None
 
 
+@LONG
 @pytest.mark.parametrize("observed", [SWEEP, TWO_STATION])
 def test_noise_has_no_law(observed: Observations) -> None:
     for seed in range(4):
@@ -157,6 +158,7 @@ def test_laws_that_are_none() -> None:
     assert {BASES[name].stage for name in mixed.bases} == {Stage.READING}
 
 
+@LONG
 @pytest.mark.parametrize("leg", ["x", "y"])
 def test_a_cube_of_travel_goes_by_no_name(leg: str) -> None:
     """On a sweep a bowed bar does nearly the same, and may be told as its rival."""

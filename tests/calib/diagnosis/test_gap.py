@@ -12,6 +12,7 @@ from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, derivatives
 from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, diagnose
+from tests.conftest import LONG
 
 
 def left_by_the_true_effect_mm(cells: Cells, effect: EffectInstance) -> float:
@@ -39,6 +40,7 @@ def left_by_the_true_effect_mm(cells: Cells, effect: EffectInstance) -> float:
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
+@LONG
 @pytest.mark.parametrize("observed", [SWEEP, TWO_STATION])
 def test_readings_left_out_are_predicted_as_well_as_by_the_true_effect(
     observed: Observations,

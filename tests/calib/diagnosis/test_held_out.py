@@ -19,7 +19,7 @@ from calib.posterior.posterior import posterior
 from calib.posterior.race import LOG_CAUSES, LOG_SCALES, SCALES
 from calib.tripod.effects.effect import EffectInstance
 from tests.calib.diagnosis.diagnosed_sessions import LAWS, SHORT, SWEEP, case
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 Model = tuple[tuple[int, float], ...]
 
@@ -79,6 +79,7 @@ class Refit:
         return np.asarray(self.residual[self.out] - prediction)
 
 
+@LONG
 @pytest.mark.parametrize("observed", first_quick([SHORT, SWEEP]), ids=["short", "sweep"])
 @pytest.mark.parametrize("sessions", [1, 2])
 def test_what_is_missed_is_that_of_a_refit_without_the_rows(

@@ -22,6 +22,7 @@ SHOWN = {
 """Causes that the readings show, and the most of a plain fit's error that may remain."""
 
 
+@LONG
 @pytest.mark.parametrize("what", first_quick(SHOWN), ids=lambda what: what.cause)
 def test_a_cause_beside_the_parameters_no_longer_bends_them(what: Hidden) -> None:
     machine = remaining("position", 3, what)

@@ -11,6 +11,7 @@ from calib.diagnosis.hexaslide import diagnosed
 from calib.errors import NotIdentifiable
 from protocols.hexaslide import load_hexaslide
 from tests.blind.hexaslide import LEAD_M, POSTURES, Hidden, Plain, case, measured
+from tests.conftest import LONG
 
 FILE = load_hexaslide()
 SEEN = (
@@ -23,6 +24,7 @@ SEEN = (
 NOTHING = Hidden(None)
 
 
+@LONG
 @pytest.mark.parametrize("kind", POSTURES)
 @pytest.mark.parametrize("what", SEEN, ids=lambda what: what.cause)
 def test_what_shows_is_named_with_its_size(kind: str, what: Hidden) -> None:

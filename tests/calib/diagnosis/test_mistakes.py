@@ -153,6 +153,7 @@ def test_a_slip_is_no_drift_and_no_wild_reading(
     assert np.unique(cleaned(diagnosis).observed.mount[rows]).size == 2
 
 
+@LONG
 @pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_slip_drift_and_wild_readings_are_told_apart(seed: int) -> None:
     session = case(SWEEP, seed=seed)
@@ -168,6 +169,7 @@ def test_slip_drift_and_wild_readings_are_told_apart(seed: int) -> None:
         assert "stand_slip" not in ids
 
 
+@LONG
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
 @pytest.mark.parametrize("play_mm", first_quick([0.0, 0.03]))
 @pytest.mark.parametrize(
@@ -210,6 +212,7 @@ def test_two_readings_under_one_label_and_the_wrong_one_is_told() -> None:
     assert left_out(diagnosis, len(session.observed)) == [row]
 
 
+@LONG
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP]))
 def test_a_reading_under_the_other_leg(conditions: Observations) -> None:
     session = case(conditions, seed=3)
@@ -244,6 +247,7 @@ def test_of_two_repeats_the_other_postures_tell_which_is_wild() -> None:
     assert left_out(diagnosis, len(session.observed)) == rows[:1].tolist()
 
 
+@LONG
 @pytest.mark.parametrize(
     ("end", "ids"),
     first_quick([(0, {"first_take", "wild_reading"}), (-1, {"wild_reading"})], several=True),
@@ -307,6 +311,7 @@ def test_indicators_swapped_at_one_station_only(seed: int) -> None:
     assert diagnosis.verdict == "explained"
 
 
+@LONG
 @pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_indicators_swapped_at_all_stations_are_one_mistake(seed: int) -> None:
     session = case(TWO_STATION, seed=seed)
@@ -352,6 +357,7 @@ def test_strong_effects_are_no_mistakes(
         assert mistakes(diagnose([session], CATALOGUE)) == []
 
 
+@LONG
 @pytest.mark.parametrize(
     ("conditions", "sessions"),
     first_quick([(SWEEP, 4), (SWEEP, 12), (TWO_STATION, 12)], several=True),
@@ -433,6 +439,7 @@ def test_a_reading_of_heavy_tails_is_not_moved() -> None:
     assert single(diagnosed(session, observed)) == []
 
 
+@LONG
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
 @pytest.mark.parametrize("size_mm", first_quick([0.1, 0.4, 5.0]))
 def test_two_mistakes_do_not_hide_each_other(conditions: Observations, size_mm: float) -> None:
@@ -496,6 +503,7 @@ def test_two_wrong_labels_are_both_told() -> None:
     assert left_out(diagnosis, len(observed)) == [first, second]
 
 
+@LONG
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
 def test_first_readings_off_by_a_large_play_are_not_wild(conditions: Observations) -> None:
     """Before the first reading nobody knows from where the machine came."""
@@ -504,6 +512,7 @@ def test_first_readings_off_by_a_large_play_are_not_wild(conditions: Observation
         assert single(diagnose([case(conditions, *plays, seed=seed)], CATALOGUE)) == []
 
 
+@LONG
 @pytest.mark.parametrize("count", first_quick([4, 14]))
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP, TWO_STATION]))
 def test_indicators_that_scatter_unequally_are_no_mistakes(

@@ -31,7 +31,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     diagnose,
     names,
 )
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 
 @pytest.mark.parametrize("observed", first_quick([SWEEP, TWO_STATION]))
@@ -46,6 +46,7 @@ def test_any_lead_is_found(observed: Observations, lead_mm: float) -> None:
     assert float(lead) == pytest.approx(lead_mm, rel=0.03) or f"{lead_mm:.2g}" in remarks
 
 
+@LONG
 def test_a_lead_that_is_not_the_only_one_is_said() -> None:
     """Between three postures any lead goes; nothing is searched in pure noise."""
     plain = case(SWEEP, seed=0)
@@ -70,6 +71,7 @@ class Teeth(OfCarriage):
         return np.asarray(at.values[0] * (teeth - np.floor(teeth)))
 
 
+@LONG
 @pytest.mark.parametrize("place", ["x", "y", "z"])
 def test_what_repeats_and_is_no_sine_is_not_called_a_screw(place: str) -> None:
     """The catalogue has no sawtooth, of which a sine of some lead explains most."""

@@ -18,11 +18,12 @@ from protocols.table import opened_table
 from tests.blind.linear_delta import Hidden as Printer
 from tests.blind.linear_delta import contacts
 from tests.blind.tilted import SHAPES, Hidden, table
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 TOLERANCES = "across_tolerance_mm = 0.2\nlean_tolerance_mrad = 1.0\nscale_tolerance_mm_m = 0.1\n"
 
 
+@LONG
 @pytest.mark.parametrize(
     ("lean_mrad", "verdict"), first_quick([(1.0, "agrees"), (8.0, "explained")], several=True)
 )

@@ -39,7 +39,7 @@ from calib.hexaslide.procedures import (
 from calib.hexaslide.search import Search, best_postures
 from protocols.hexaslide import load_hexaslide
 from tests.calib.hexaslide.hexaslide_draws import SHAPES, drawn_machine, jacobian_and_slopes
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 RANKS = {
     ProcedureKind.POSE_INVERSE: (49, 49, 9),
@@ -302,6 +302,7 @@ def test_individually_known_parameters_with_positions_only() -> None:
     assert not [name for name in sensitivity.individually_known if name.startswith("B")]
 
 
+@LONG
 @pytest.mark.parametrize(
     ("kind", "limit"),
     first_quick(

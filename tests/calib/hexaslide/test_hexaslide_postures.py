@@ -145,6 +145,7 @@ def best(kind: ProcedureKind) -> BestPostures:
     return best_postures(Procedure.of(kind), H60, count, Search(starts=starts, space="box"))
 
 
+@LONG
 @pytest.mark.parametrize("kind", first_quick(list(ProcedureKind)))
 def test_condition_numbers_on_the_example_machine(kind: ProcedureKind) -> None:
     (count, rank, starts, limit), design = LIMITS[kind], best(kind)
@@ -247,6 +248,7 @@ def test_equal_seeds_give_equal_postures_and_the_first_start_is_the_same_alone()
     assert two.refined.value == max(two.values)
 
 
+@LONG
 def test_postures_that_are_given_are_the_first_start_and_only_get_better() -> None:
     procedure, start = PROCEDURES["pose-inverse"], some(H60, 9)
     first = judged_postures(procedure, H60, start)
@@ -293,6 +295,7 @@ def test_the_benchmark_begins_both_searches_at_the_same_postures() -> None:
     assert float(cells[3]) == float(cells[5]) == pytest.approx(single.values[0], rel=1e-4)
 
 
+@LONG
 def test_another_machine_is_planned_for_as_well() -> None:
     machine = random_machine(8)
     small = HexaSlide(machine.geometry, machine.box, None)
@@ -359,6 +362,7 @@ def test_between_the_ends_of_the_rails_more_is_seen_than_in_the_box() -> None:
         best_postures(procedure, endless, 9, replace(search, space="joints"))
 
 
+@LONG
 def test_postures_on_the_link_are_those_that_it_holds() -> None:
     """As `run` lifts postures: those of the box are worth less there than random ones."""
     procedure, link, box = PROCEDURES["constraint-link"], H60.link, H60.box

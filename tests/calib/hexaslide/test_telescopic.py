@@ -40,6 +40,7 @@ def test_the_drives_read_what_the_definition_says() -> None:
     assert forward(MACHINE.geometry, expected, MACHINE.box) == pytest.approx(postures, abs=1e-11)
 
 
+@LONG
 @pytest.mark.parametrize("kind", ["pose-inverse", "pose-forward"])
 def test_derivatives_are_those_of_differences(kind: str) -> None:
     """Central differences of the definition, forward ones through scipy's solution."""

@@ -15,7 +15,7 @@ from calib.stats import coverage_factor
 from calib.tripod.pipeline import Model, measure
 from tests.builders import conditions_of
 from tests.calib.identify.identified import identify
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 SESSIONS = 20_000
 NAMED: tuple[Subset, ...] = ("joint-offsets", "leg-lengths", "both")
@@ -25,6 +25,7 @@ OBSERVED = conditions_of("zero-max-min")
 """Zero, Max, Min three times on each leg, with the return to Zero."""
 
 
+@LONG
 @pytest.mark.parametrize(
     ("scatter_mm", "resolution_mm"),
     first_quick(

@@ -20,9 +20,9 @@ from protocols.record import read_record
 from protocols.session import fold
 from tests.builders import conditions_of, observed, postures
 from tests.calib.identify.identified import identify
+from tests.conftest import LONG
 
 TOLERANCES = np.array([2.0] * 3 + [0.1] * 3)
-LONG = (18.0, -18.0, 18.0, 18.0, -18.0, 18.0)
 MODEL = Model()
 
 
@@ -71,6 +71,7 @@ def test_what_is_left_counts_with_its_own_degrees_of_freedom(
     np.testing.assert_allclose(ratio, expected, rtol=1e-3)
 
 
+@LONG
 def test_tolerances_are_no_noise_that_the_left_over_enlarges(samples: Path) -> None:
     """The inflated covariance is the error of this estimate under more noise, by simulation."""
     session = fold(read_record(samples / "experiment_2_twelve.jsonl").events)

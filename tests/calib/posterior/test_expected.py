@@ -19,7 +19,7 @@ from calib.tripod.pipeline import Model
 from calib.tripod.planning import TripodPlanning
 from protocols.machine import Machine
 from tests.builders import conditions_of
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 TOLERANCE_MM = np.array([2.0] * 3 + [0.1] * 3)
 
@@ -45,6 +45,7 @@ def expected(procedure: str, noise_mm: float = 0.002) -> ExpectedResult:
     return expected_of(planning(conditions_of(procedure), noise_mm), TOLERANCE_MM)
 
 
+@LONG
 @pytest.mark.parametrize("procedure", first_quick(["zero-max-min", "two-station"]))
 def test_the_bound_is_that_of_a_session_that_shows_nothing_new(procedure: str) -> None:
     """Of the same machine, read with this noise; its own zero readings and repeats included."""

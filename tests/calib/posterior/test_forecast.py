@@ -18,6 +18,7 @@ from calib.posterior.posterior import posterior
 from calib.posterior.tool import Frame
 from calib.tripod.pipeline import Model, StageEffect
 from tests.calib.posterior.hidden_machines import SHORT, hidden, session
+from tests.conftest import LONG
 
 STEP = 1e-3
 ZERO_MM = 1e2
@@ -136,6 +137,7 @@ def both_ways(unsure: Posterior) -> Known:
     return Known.of(unsure)
 
 
+@LONG
 def test_covariances_after_readings_are_those_of_dense_matrices(both_ways: Known) -> None:
     metric = both_ways.result.field.metrics[FRAME]
     for number, dense in both_ways.dense.items():
@@ -204,6 +206,7 @@ def without_zeros(forecast: Forecast) -> FloatArray:
     return np.asarray(inverse - kept @ np.linalg.solve(zeros.T @ kept, kept.T))
 
 
+@LONG
 @pytest.mark.parametrize("shared_mm2", [0.0, 0.002**2])
 @pytest.mark.parametrize("name", ["unsure", "adopted"])
 def test_each_model_expects_the_readings_of_its_own_machine(

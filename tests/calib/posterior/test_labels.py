@@ -60,6 +60,7 @@ def test_a_reversed_indicator() -> None:
     assert named(changed(session, rows, -session.observed.value_mm[rows])) == [("gauge_sign", "yz")]
 
 
+@LONG
 @pytest.mark.parametrize("factor", [25.4, 1 / 25.4])
 def test_another_unit(factor: float) -> None:
     session = case(SHORT, seed=2)

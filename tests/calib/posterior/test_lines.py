@@ -150,6 +150,7 @@ def of_contacts() -> SessionCase:
     )
 
 
+@LONG
 def test_a_bound_rests_on_no_case_of_firmware() -> None:
     result = posterior([of_contacts()])
     rest = result.for_bounds
@@ -160,6 +161,7 @@ def test_a_bound_rests_on_no_case_of_firmware() -> None:
     assert off.bound_mm == ToolOff(rest, off.values).bound_mm
 
 
+@LONG
 def test_a_bound_holds_a_turn_of_all_towers() -> None:
     """Of three towers off round the plate by s each: their mean is off by s / sqrt(3)."""
     session = of_contacts()
@@ -172,6 +174,7 @@ def test_a_bound_holds_a_turn_of_all_towers() -> None:
         assert math.sqrt(in_field.variance(-1)) == pytest.approx(turned * free, rel=1e-9)
 
 
+@LONG
 def test_what_firmware_fits_is_a_case_of_towers_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     statements: list[Statement] = []
     work_out = Cells.of_all

@@ -228,6 +228,7 @@ def test_where_a_name_is_certain_nothing_is_to_be_separated() -> None:
     assert planner.separation is None
 
 
+@LONG
 def test_more_of_the_same_does_not_help_where_offsets_cannot_hold_what_is_known() -> None:
     case, _ = session(TWO_STATION, hidden("backlash", "x", 0.03), seed=2, scatter_mm=NOISE_MM)
     plan = planner_of(case)
@@ -260,6 +261,7 @@ def test_set_ups_in_turn_lower_the_bound_as_long_as_each_is_worth_it() -> None:
     assert reach.towards(0.0, before_mm=1.05 * bounds[0]) is None
 
 
+@LONG
 @pytest.mark.parametrize(
     ("places", "effect", "frame", "instrument"),
     first_quick(

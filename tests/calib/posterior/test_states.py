@@ -102,6 +102,7 @@ def test_sessions_of_other_states_do_not_share(sessions: list[SessionCase]) -> N
         assert np.array_equal(states, none)
 
 
+@LONG
 def test_the_tool_has_the_bars_of_the_last_session() -> None:
     """A bar was exchanged: the machine as it is now has the new one, whichever came first."""
     longer = np.array([0.0, 1.0, 0.0])

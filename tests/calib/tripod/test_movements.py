@@ -22,7 +22,7 @@ from protocols.session import fold
 from tests.blind.bench_files import write_session
 from tests.blind.cases import Case
 from tests.blind.generator import make
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 PROCEDURES = ("zero-max-min", "sweep", "two-station")
 
@@ -37,6 +37,7 @@ def visited(path: Path) -> Observations:
     return visits(to_observations([fold(read_record(path).events)]))
 
 
+@LONG
 @pytest.mark.parametrize("procedure", first_quick(PROCEDURES))
 @pytest.mark.parametrize("strengths", first_quick([(8.0,), (8.0, 12.0, 16.0)]), ids=str)
 def test_play_is_all_that_is_missing_however_the_machine_homed(

@@ -24,6 +24,7 @@ from calib.tripod.workspace import (
     workspace_of,
     workspace_points,
 )
+from tests.conftest import LONG
 from tests.protocols.test_on_bar import machines
 from tests.tripods import DELTA, ORTHOGLIDE, TRIPODS
 
@@ -42,6 +43,7 @@ def test_the_cube_of_the_paper() -> None:
     assert cube.low_mm + cube.side_mm == pytest.approx([73.2] * 3, abs=0.5)
 
 
+@LONG
 def test_joint_limits_leave_less_than_that_cube() -> None:
     """At its lowest corner carriages are at −184 mm; the prototype's limits are −100 … 60."""
     low = -126.8 + math.sqrt(L_MM**2 - 2 * 126.8**2) - L_MM

@@ -30,7 +30,7 @@ from drivers.motion.linuxcnc import LinuxCnc
 from drivers.motion.states import State
 from drivers.motion.twins import GrblTwin, MotionTrouble, SimulatedAxes
 from drivers.twins import Transport
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 from tests.drivers.motion.adversary import Front, Ill, Link, TrueAxes
 from tests.drivers.motion.bench import BUSY, FEED, LIMITS, START, Ticker, comes_true, started
 from tests.drivers.motion.ills import STRANGERS, Chatters, Late, Mute
@@ -54,6 +54,7 @@ def ticker() -> Iterator[Ticker]:
     ticker.close()
 
 
+@LONG
 @pytest.mark.timeout(900 + SEEDS * 5)
 @pytest.mark.parametrize("name", first_quick(NAMES))
 def test_ill_controllers(name: str, ticker: Ticker, monkeypatch: pytest.MonkeyPatch) -> None:

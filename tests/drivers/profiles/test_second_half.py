@@ -28,6 +28,7 @@ from drivers.profiles.metro_mux import METRO_MUX
 from drivers.profiles.mux import DMX, MUX
 from drivers.profiles.starrett_iq import STARRETT_IQ
 from drivers.twins import IndicatorTwin
+from tests.conftest import LONG
 
 ASKED_LINE = ascii_line(r"(?P<number>-?\d+\.\d+)", request=b"READ?")
 
@@ -340,6 +341,7 @@ def damaged(draw: st.DrawFn) -> str:
     return text
 
 
+@LONG
 @pytest.mark.parametrize("name", GRAMMARS)
 @given(text=damaged() | st.text(SIGNS.map(lambda sign: sign[0]), max_size=24) | st.text())
 def test_no_value_from_outside_the_grammar(name: str, text: str) -> None:

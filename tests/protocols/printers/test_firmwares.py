@@ -21,7 +21,7 @@ from protocols.printers.tower_printer import Three, TowerPrinter
 from protocols.session import fold
 from tests.app.cli import glidecal
 from tests.app.exports import upright_towers as true
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 from tests.protocols.printers.answers import (
     CONFIG_G,
     G33_AT_DEG,
@@ -109,6 +109,7 @@ def test_g33_with_o_sends_the_probe_to_its_places(tmp_path: Path) -> None:
     assert printer.contacts[0].position_mm == pytest.approx((-15.0, 5.0, 2.0))
 
 
+@LONG
 def test_from_g33_to_better_lines(tmp_path: Path) -> None:
     hidden, session = true.Hidden(switch_mm=(0.4, -0.3, 0.2)), tmp_path / "s.jsonl"
     log, out = tmp_path / "octoprint.log", tmp_path / "lines.g"
@@ -147,6 +148,7 @@ def test_contacts_before_a_calibration_are_not_of_what_is_read_after_it(tmp_path
     assert len(printer.contacts) == 19
 
 
+@LONG
 @pytest.mark.parametrize("dialect", first_quick(["reprapfirmware", "marlin"]))
 def test_from_files_of_a_printer_to_better_lines(tmp_path: Path, dialect: str) -> None:
     hidden = true.Hidden(switch_mm=(0.4, -0.3, 0.2), bar_mm=(0.2, -0.1, 0.0))
@@ -224,6 +226,7 @@ def test_a_tower_without_a_length_has_the_first_ones(tmp_path: Path) -> None:
     assert lengths == [true.BAR, true.BAR + 0.5, true.BAR]
 
 
+@LONG
 def test_a_real_eeprom_is_the_machine_of_its_owner(tmp_path: Path) -> None:
     """Each switch trips at the homed height and its tower's steps of offset above it."""
     printer = read(tmp_path, real_eeprom())

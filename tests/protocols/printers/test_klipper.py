@@ -510,6 +510,7 @@ def test_what_the_command_line_cannot_mean(tmp_path: Path) -> None:
     assert not out.exists()
 
 
+@LONG
 @pytest.mark.parametrize(
     ("hidden", "share"),
     first_quick(

@@ -353,7 +353,8 @@ class Posterior:
         """Standard deviations ``(3,)`` of a turn about each axis, rad, that no contact shows.
 
         Parallel drives are fitted as they stand about the last one. All three are turned by the
-        mean of what each is off round the plate.
+        mean of what each is off round the plate, as far as tolerances go: where places are a guess
+        the frame of the firmware is that of its last tower all the same, and a turn bends no part.
         """
         geometry, tolerances = self.geometry, self.sessions[-1].case.geometry
         if not geometry.parallel:

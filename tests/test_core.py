@@ -48,7 +48,6 @@ main()
 SESSION = str(SAMPLES / "simulated_zero-max-min.jsonl")
 
 
-@LONG
 @pytest.mark.parametrize(
     "arguments",
     first_quick(

@@ -13,12 +13,11 @@ from types import CodeType, FrameType
 from typing import get_type_hints
 
 from tests.app.cli import run_here
-from tests.conftest import LONG, ROOT
+from tests.conftest import ROOT
 
 ROW = re.compile(r"^\| `([\w.]+)` \| (?:`([\w.]+)`|–) \|", re.MULTILINE)
 
 
-@LONG
 def test_the_walk_of_a_reading(tmp_path: Path) -> None:
     text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
     section = text.split("## One reading, from the wire to the controller")[1].split("\n## ")[0]

@@ -84,7 +84,6 @@ def test_blunders_are_named_with_their_place(tmp_path: Path) -> None:
     assert rate(diagnosed(cases, tmp_path), blunder_named).hits >= 5
 
 
-@LONG
 def test_an_effect_left_out_of_the_catalogue_is_never_named(tmp_path: Path) -> None:
     case = Case("q/left", "left-out", "sweep", "gaussian", ("backlash",), (4.0,))
     session = tmp_path / "left.jsonl"

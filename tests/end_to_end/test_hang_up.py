@@ -92,7 +92,6 @@ def pressed_a(terminal: Terminal) -> bool:
     return False
 
 
-@LONG
 @pytest.mark.parametrize("closed", first_quick([False, True]), ids=["kill", "closed-terminal"])
 def test_the_session_is_paused_and_goes_on(
     measuring: Terminal, tmp_path: Path, closed: bool

@@ -15,14 +15,12 @@ from protocols.machine import Machine
 from protocols.record import read_record
 from protocols.session import fold
 from tests.app.measuring.test_aligning import SHORT, measure
-from tests.conftest import LONG
 from tests.screens.driving import SIZE, rows, text, until
 from tests.screens.test_not_cut import SIZES, look
 
 ONCE = SHORT.model_copy(update={"stations": (0.3, 0.6)})
 
 
-@LONG
 async def test_a_screw_is_turned_live(tmp_path: Path) -> None:
     path = tmp_path / "s.jsonl"
     basis = Plan(path, Machine(), ONCE, simulated_indicators(["mitutoyo-01a"] * 2), seed=3)

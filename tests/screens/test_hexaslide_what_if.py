@@ -12,7 +12,6 @@ from app.screens.interface import ChoiceDialog, Glidecal
 from app.screens.plot import ChartPlot
 from tests.app.hexaslide_hidden import hidden_session
 from tests.blind.hexaslide import Hidden
-from tests.conftest import LONG
 from tests.screens.driving import SIZE, looked, text, until
 
 
@@ -21,7 +20,6 @@ def scaled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return hidden_session(tmp_path_factory.mktemp("s") / "s.jsonl", Hidden("rail_scale", 2, 5e-4))
 
 
-@LONG
 async def test_the_size_is_moved_and_all_follows(scaled: Path) -> None:
     interface = Glidecal(HexaSlideResultScreen(scaled))
     async with interface.run_test(size=SIZE) as pilot:

@@ -289,7 +289,6 @@ async def test_a_session_that_cannot_be_diagnosed_has_nothing_to_try(tmp_path: P
         await pilot.press("f10")
 
 
-@LONG
 async def test_on_a_result_any_effect_is_tried_and_none_adopted(tmp_path: Path) -> None:
     path = write_session(tmp_path / "plain.jsonl", "zero-max-min", 4)
     solved = solve_files([path], subset="both")
@@ -308,7 +307,6 @@ async def test_on_a_result_any_effect_is_tried_and_none_adopted(tmp_path: Path) 
     assert [entry.name for entry in tmp_path.iterdir()] == ["plain.jsonl"]
 
 
-@LONG
 async def test_who_only_looks_adopts_nothing(tmp_path: Path) -> None:
     shutil.copy(SAMPLES / "simulated_sweep.jsonl", path := tmp_path / "sweep.jsonl")
     interface = Glidecal(ResultScreen(solve_files([path]), None, path), read_only=True)

@@ -95,7 +95,6 @@ KEPT = st.lists(st.booleans(), min_size=60, max_size=60) | st.integers(1, 60).ma
 """Which readings there are: any of the first 60, or all of the first few."""
 
 
-@LONG
 @settings(max_examples=3)
 @given(st.sampled_from(NAMES), KEPT, FACTORS, OUTLIERS_MM)
 def test_some_readings(name: str, kept: list[bool], factor: float, outlier_mm: float) -> None:

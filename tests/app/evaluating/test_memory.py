@@ -13,7 +13,7 @@ import pytest
 from app.evaluating.solution import solve_files
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
-from tests.conftest import LONG, SAMPLES
+from tests.conftest import SAMPLES
 
 SESSIONS = {
     "simulated_zero-max-min.jsonl": "every set of parameters is determined",
@@ -27,7 +27,6 @@ def posterior_of(name: str) -> weakref.ref[Posterior]:
     return weakref.ref(corrections.posterior)
 
 
-@LONG
 @pytest.mark.parametrize("name", SESSIONS)
 def test_a_posterior_goes_with_its_last_reference(
     name: str, monkeypatch: pytest.MonkeyPatch

@@ -116,7 +116,6 @@ def real(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return session_of(tmp_path_factory.mktemp("real"), real_eeprom())
 
 
-@LONG
 @pytest.mark.parametrize("kind", first_quick(REAL_READ))
 @pytest.mark.parametrize(
     "options", first_quick([(), ("--subset", "leg-lengths")]), ids=["correction", "lengths"]

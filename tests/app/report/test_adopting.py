@@ -8,11 +8,9 @@ from pathlib import Path
 from app.report.text.adopting import Adopting
 from protocols.model_file import read_model_file
 from tests.app.report.scripted import Scripted
-from tests.conftest import LONG
 from tests.hidden_sessions import bowed_session
 
 
-@LONG
 def test_what_is_named_goes_into_a_model_and_is_diagnosed_with_it(tmp_path: Path) -> None:
     session = bowed_session(tmp_path)
     model = session.with_name("bow [x]_model.json")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from app.evaluating.correction import CLEARLY_BETTER
 from calib.arrays import LEG_NAMES
 from calib.errors import GlidecalError, UsageError
-from calib.tripod.geometry import USUAL_ANGLES_DEG
+from calib.tripod.geometry import FURTHEST_DEG, USUAL_ANGLES_DEG
 
 if TYPE_CHECKING:
     from app.evaluating.correction import ControllerCorrections, TowerCorrection
@@ -18,17 +18,16 @@ if TYPE_CHECKING:
     from protocols.session import Reading
 
 FIRMWARE_TOWERS = "abc"
-FURTHEST_DEG = 30.0
-"""A tower that stands further from the firmware's place for it is another one."""
 
 
 def drives_of_towers(
     machine: Machine,
     angles_deg: Sequence[float] = USUAL_ANGLES_DEG,
-    furthest_deg: float = FURTHEST_DEG,
+    furthest_deg: float | None = None,
 ) -> list[int]:
     """The drive of each tower of the firmware: as the machine file's ``joints`` say, or nearest.
 
+    Firmware turns its towers: stated ones may stand anywhere, unless within ``furthest_deg``.
     Raises UsageError where one stands elsewhere or counts downwards, ImpossibleRequest for another
     kind of machine.
     """
@@ -39,6 +38,8 @@ def drives_of_towers(
     names = machine.joints or tuple(LEG_NAMES[row.index(min(row))] for row in apart)
     drives = [LEG_NAMES.index(name[-1]) for name in names]
     far = max(row[drive] for row, drive in zip(apart, drives, strict=True))
+    if furthest_deg is None:
+        furthest_deg = FURTHEST_DEG if machine.joints is None else 180.0
     if far > furthest_deg or len(set(drives)) < len(drives) or any("-" in name for name in names):
         places = ", ".join(f"{angle:.2f}" for angle in stand.angle_deg.tolist())
         raise UsageError(

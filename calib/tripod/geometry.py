@@ -42,6 +42,9 @@ USABLE_BAR = (0.05, 0.95)
 USUAL_ANGLES_DEG = (210.0, 330.0, 90.0)
 """Of the first, second and third tower of printers, from x, anticlockwise."""
 
+FURTHEST_DEG = 30.0
+"""A tower that stands further from such a place is another one."""
+
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]
 Three = tuple[Triple, Triple, Triple]

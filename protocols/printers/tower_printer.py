@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from calib.arrays import FloatArray
 from calib.errors import RecordError
-from calib.tripod.geometry import USUAL_ANGLES_DEG, trilaterate
+from calib.tripod.geometry import FURTHEST_DEG, USUAL_ANGLES_DEG, trilaterate
 from protocols.distance_table import Measured
 from protocols.documents import Triple, describe
 from protocols.machine import Drive, Machine
@@ -152,6 +152,13 @@ class TowerPrinter:
         return min(self.printable_mm or allowed, allowed)
 
     @property
+    def joints(self) -> tuple[Literal["x"], Literal["y"], Literal["z"]] | None:
+        """Drives of the firmware's towers, where their angles do not tell which is which."""
+        places = zip(self.angle_deg, USUAL_ANGLES_DEG, strict=True)
+        apart = [abs((angle - usual + 180.0) % 360.0 - 180.0) for angle, usual in places]
+        return ("x", "y", "z") if max(apart) > FURTHEST_DEG else None
+
+    @property
     def stated_reach_mm(self) -> float | None:
         """The same where the firmware states it, or where the usual plate is beyond it."""
         is_beyond = self.reach_mm < USUAL_PRINTABLE_MM
@@ -198,6 +205,7 @@ class TowerPrinter:
                 probe_offset_mm=beside_mm if is_beside else None,
                 printable_radius_mm=self.stated_reach_mm,
                 position_endstop_mm=self.endstop_mm,
+                joints=self.joints,
                 rotation_distance_mm=self.rotation_distance_mm,
                 steps_per_mm=self.steps_per_mm,
                 screw_lead_mm=self.turn_mm,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import configparser
 import json
+import re
 import time
 from pathlib import Path
 
@@ -561,3 +563,40 @@ def test_motors_without_a_common_turn_have_no_screw(tmp_path: Path) -> None:
     text = PRINTER + steppers().replace(MOTOR, MOTOR.replace("40", "39.9"), 1)
     printer = read(tmp_path, text + saved([*arms_saved(), *height_lines(PERFECT)]))
     assert printer.opened.machine.screw_lead_mm is None
+
+
+def relabelled(text: str, order: str) -> str:
+    """The same printer with its motors at other drivers: tower a is now the first of ``order``."""
+
+    def steps(match: re.Match[str]) -> str:
+        values = dict(zip("abc", match[2].split(","), strict=True))
+        of_new = {new: values[old] for old, new in zip("abc", order, strict=True)}
+        return match[1] + ",".join(of_new[name] for name in "abc")
+
+    text = re.sub(r"(_pos = )(.*)", steps, text)
+    return re.sub(r"\[stepper_([abc])\]", lambda m: f"[stepper_{order['abc'.index(m[1])]}]", text)
+
+
+@pytest.mark.parametrize("order", ["bac", "bca"])
+def test_a_tower_keeps_the_motor_that_moves_it(tmp_path: Path, order: str) -> None:
+    """Whatever the angles of a, b, c are: values of another's switch would crash the machine."""
+    values = {}
+    for name in ("abc", order):
+        folder = tmp_path / name
+        folder.mkdir()
+        text = relabelled(printer_cfg(true.OFF_IN_ALL), name)
+        (folder / "printer.cfg").write_text(text, encoding="utf-8")
+        session = folder / "s.jsonl"
+        assert not glidecal("import", folder / "printer.cfg", "-o", session).status
+        assert "tower a" in glidecal("solve", session).out
+        file = folder / "calib.cfg"
+        assert not glidecal("export", session, "--format", "klipper", "-o", file).status
+        config = configparser.RawConfigParser()
+        config.read(file)
+        values[name] = [dict(config[f"stepper_{tower}"]) for tower in name]
+    numbers = [
+        [[float(tower[key]) for key in ("position_endstop", "arm_length", "angle")] for tower in of]
+        for of in values.values()
+    ]
+    # towers are fitted as they stand about the third one, which is another one here
+    assert np.array(numbers[1]) == pytest.approx(np.array(numbers[0]), abs=0.12)

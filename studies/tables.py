@@ -237,7 +237,7 @@ def random_words(link: Studied) -> str:
     return filled(
         "The 46 postures of Table 6 show 46 of the 48 combinations, and other ones in each set. "
         f"Over those, random sets of 46 have the median {middle} ({low} … {high}), and a search "
-        f"with --few finds {link.few.condition_number:.1f}. Without --few it refuses so few."
+        f"in the box with --few finds {link.few.condition_number:.1f}."
     )
 
 

@@ -72,6 +72,9 @@ MOVED = (
 )
 
 
+SAME_PRINTER_MM = 25.0
+"""Two printers differ by more. A guessed radius was up to 16 mm off (docs/benchmarks.md)."""
+
 IN_FIRMWARE = (
     "Between these sessions the firmware got other lengths, radius, angles or travels: each "
     "session refers to the values of that time."
@@ -97,10 +100,7 @@ def compare_files(
             "two sessions of one machine",
         )
     # entered offsets may differ, that is what is compared; the geometry may where firmware holds it
-    firmware = machine.name == later_machine.name and bool(
-        machine.position_endstop_mm and later_machine.position_endstop_mm
-    )
-    if machine.geometry() != later_machine.geometry() and not firmware:
+    if machine.geometry() != later_machine.geometry() and not _one_printer(machine, later_machine):
         raise CalibrationError(
             f"sessions {before} and {after}",
             f"machines of different geometry, {machine.name} and {later_machine.name}",
@@ -127,6 +127,15 @@ def compare_files(
             "each r.m.s. is over its own session."
         )
     return Comparison(first, second, (*remarks, *_order_remarks(earlier, later)), changed)
+
+
+def _one_printer(machine: Machine, later_machine: Machine) -> bool:
+    """Whether firmware may hold both geometries of one printer, whatever its files are called."""
+    if machine.position_endstop_mm is None or later_machine.position_endstop_mm is None:
+        return False
+    first, second = machine.geometry(), later_machine.geometry()
+    parts = (first.lengths - second.lengths, first.anchors - second.anchors)
+    return max(float(abs(part).max()) for part in parts) < SAME_PRINTER_MM
 
 
 def _held(machine: Machine) -> tuple[object, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -208,12 +209,13 @@ def printer_change(
 
 
 def _uneven_mm(contacts: Sequence[Reading], best: TowerCorrection) -> ValueChange | None:
-    """Of all contacts of one way of measuring: another one has a zero of its own."""
+    """Of the most contacts of one way of measuring: another one has a zero of its own."""
     if not contacts:
         return None
+    ((most, _),) = Counter(contact.mount for contact in contacts).most_common(1)
     alike = [
         (contact.position_mm, contact.value_mm)
         for contact in contacts
-        if contact.mount == contacts[0].mount and contact.position_mm is not None
+        if contact.mount == most and contact.position_mm is not None
     ]
     return ValueChange(*best.values.uneven_mm(*zip(*alike, strict=True)))

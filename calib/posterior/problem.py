@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.arrays import FloatArray, IntArray, descending, without
-from calib.errors import NotIdentifiable
+from calib.errors import NotIdentifiable, UnreachablePosture
 from calib.posterior.cells import Cells
 from calib.posterior.columns import free_columns, free_spread, linear_about, rows_and_blocks
 from calib.posterior.first_takes import log_priors, reached, within_plays
@@ -372,7 +372,7 @@ class PosteriorProblem:
             for _ in range(STEPS):
                 fit = self._about(models, entry, fit)
                 models = self._models(entry, fit.mean)
-        except (NotIdentifiable, ValueError):
+        except (NotIdentifiable, UnreachablePosture, ValueError):
             return fit, 0.0
         after = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
         return fit, float(after - before)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from calib.arrays import LEG_NAMES, FloatArray
-from calib.errors import ImpossibleRequest
+from calib.errors import ImpossibleRequest, UnreachablePosture
 from calib.tripod.controller import tool_error_mm
 from calib.tripod.effects.drives import ActuatorScale, AxisOffset, Backlash
 from calib.tripod.effects.effect import PER_THOUSAND, EffectInstance
@@ -121,9 +121,20 @@ class Towers:
         return apart
 
     def carriages_mm(self, tool_mm: FloatArray) -> FloatArray:
-        """Heights of the carriages ``(n, 3)`` that the firmware commands for tools ``(n, 3)``."""
-        across = tool_mm[:, None, :2] - self.feet_mm
-        return np.asarray(tool_mm[:, 2:] + np.sqrt(self.length_mm**2 - (across**2).sum(axis=-1)))
+        """Heights of the carriages ``(n, 3)`` that the firmware commands for tools ``(n, 3)``.
+
+        Raises UnreachablePosture where a bar is shorter than its way across.
+        """
+        across_mm2 = ((tool_mm[:, None, :2] - self.feet_mm) ** 2).sum(axis=-1)
+        if (across_mm2 > self.length_mm**2).any():
+            raise UnreachablePosture(
+                "values for the firmware",
+                f"bars of {', '.join(f'{mm:.1f}' for mm in self.length_mm.tolist())} mm, which do "
+                "not reach all of the workspace",
+                "readings of one machine",
+                "Were values changed between these contacts? Probe again.",
+            )
+        return np.asarray(tool_mm[:, 2:] + np.sqrt(self.length_mm**2 - across_mm2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from protocols.machine import Instrument, Machine, machine_text
 from protocols.observations import BY_HAND, SAME_PLACE_MM
 from protocols.printers import klipper, marlin, repetier, reprapfirmware
 from protocols.printers.gcode import Texts, read_printed
-from protocols.printers.tower_printer import LARGEST, OFF_PLATE_MM, Contact, Held
+from protocols.printers.tower_printer import LARGEST, OFF_PLATE_MM, Contact, Held, Pair
 from protocols.procedure import default_mount
 from protocols.session import Opened, Reading
 from protocols.table import is_table
@@ -58,8 +58,11 @@ class Dialect(Protocol):
     def is_mine(self, text: str) -> bool:
         """Whether a text has a line that only this firmware has."""
 
-    def held(self, texts: Texts) -> Held:
-        """Geometry and contacts of these files together. Raises RecordError."""
+    def held(self, texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
+        """Geometry and contacts of these files together. Raises RecordError.
+
+        The probe is ``beside_mm`` the tool, in x and y, where no file tells.
+        """
 
 
 DIALECTS: tuple[Dialect, ...] = (klipper, repetier, marlin, reprapfirmware)
@@ -96,7 +99,7 @@ def imported_printer(
     contacts may be missing. Raises RecordError for files without geometry or contacts, or contacts
     that are none of this machine, UsageError for a machine that is stated and read.
     """
-    held = _held(paths)
+    held = _held(paths, (machine and machine.probe_offset_mm) or (0.0, 0.0))
     if held.printer is not None and machine is not None:
         raise UsageError(
             "--machine",
@@ -158,7 +161,7 @@ NOTE = (
 )
 
 
-def _held(paths: Sequence[Path]) -> Held:
+def _held(paths: Sequence[Path], beside_mm: Pair) -> Held:
     """What all files hold together, in the first dialect that knows them all.
 
     Raises RecordError naming the file that the dialect of the first one does not know.
@@ -176,7 +179,7 @@ def _held(paths: Sequence[Path]) -> Held:
             "They are printer.cfg and the answers of PROBE (Klipper), config.g and those of G32 "
             "(RepRapFirmware), M503 with G30 or G33 (Marlin), M205 with G29 (Repetier).",
         )
-    return DIALECTS[best].held(texts)
+    return DIALECTS[best].held(texts, beside_mm)
 
 
 def _refuse_twice(texts: Texts) -> None:
@@ -261,13 +264,21 @@ def _place(
 
 
 def _readings(contacts: Sequence[Contact]) -> tuple[Reading, ...]:
-    """Contacts in their order; the same place once more is the next cycle."""
+    """Contacts in their order; the same place once more is the next cycle.
+
+    By hand, or at another trigger height than the last contact's, the plate has a zero of its own.
+    """
     places: dict[tuple[int, int, float], list[Place]] = {}
-    readings = []
+    readings: list[Reading] = []
+    by_probe = default_mount("tool", "z", 0.0)
+    trigger_mm = next((c.height_mm for c in reversed(contacts) if c.by == "probe"), 0.0)
     for number, contact in enumerate(contacts, start=1):
         x, y, z = contact.place_mm
         place = _place(places, x, y, contact.height_mm)
         place.visits += 1
+        mount = BY_HAND if contact.by == "hand" else by_probe
+        if mount == by_probe and contact.height_mm != trigger_mm:
+            mount = f"{by_probe}, trigger at {contact.height_mm:g} mm"
         readings.append(
             Reading(
                 reading=number,
@@ -278,7 +289,7 @@ def _readings(contacts: Sequence[Contact]) -> tuple[Reading, ...]:
                 value_mm=contact.height_mm,
                 text=contact.text,
                 cycle=place.visits,
-                mount=BY_HAND if contact.by == "hand" else default_mount("tool", "z", 0.0),
+                mount=mount,
                 station=0.0,
                 resolution_mm=contact.resolution_mm,
                 contact=True,

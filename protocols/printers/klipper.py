@@ -26,6 +26,7 @@ from protocols.printers.tower_printer import (
     OFF_PLATE_MM,
     Contact,
     Held,
+    Pair,
     Three,
     TowerPrinter,
 )
@@ -50,6 +51,8 @@ PROBED_BEFORE = re.compile(rf"probe at {NUMBER},{NUMBER} is z={NUMBER}{WHOLE}", 
 """Of programs from before 2025: the place of the tool, and its height as the probe tripped."""
 
 ANSWER = re.compile(r"\bprobe:? at ")
+SENT_SAVE = re.compile(r"(?:[\W\d]|[AP]M\b|Send:)*SAVE_CONFIG\s*$")
+"""The command, as hosts repeat it."""
 OF_CALIBRATION = re.compile(r"(manual_height|height|distance)(\d+)(_pos[12]?)?$")
 KNOWN = {"radius", "horizontal_move_z", "speed", "points"}
 """Keys of ``[delta_calibrate]`` that are no measurement."""
@@ -184,7 +187,7 @@ class Config:
 WHAT = "printer configuration"
 
 
-def held(texts: Texts) -> Held:
+def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
     """Geometry and contacts of one ``printer.cfg`` and logs of PROBE. Raises RecordError."""
     paths = [path for path, text in texts if is_config(text)]
     if len(paths) > 1:
@@ -195,7 +198,8 @@ def held(texts: Texts) -> Held:
     contacts, odd = [*of_config.contacts], [*of_config.odd]
     for path, text in texts:
         if path not in paths:
-            more, strange = _probed(text, config, path.name)
+            offset_mm = _probe_offset_mm(config) if config else (*beside_mm, 0.0)
+            more, strange = _probed(text, offset_mm, path.name)
             contacts += more
             odd += strange
     return replace(of_config, contacts=tuple(contacts), odd=tuple(odd))
@@ -384,24 +388,30 @@ def _probe_offset_mm(config: Config) -> Three:
     return x, y, z
 
 
-def _probed(text: str, config: Config | None, name: str) -> tuple[list[Contact], list[str]]:
+def _probed(text: str, offset_mm: Three, name: str) -> tuple[list[Contact], list[str]]:
     """Contacts of a log of PROBE, and lines of it that are like answers and cannot be read.
 
     The place that is answered is the probe's, beside the tool; the tool stands its z_offset higher.
+    With SAVE_CONFIG other values may begin to hold: contacts before it are not used.
     """
-    x_offset, y_offset, z_offset = _probe_offset_mm(config) if config else (0.0, 0.0, 0.0)
-    contacts, odd = [], []
+    x_offset, y_offset, z_offset = offset_mm
+    contacts: list[Contact] = []
+    odd: list[str] = []
     for number, line in enumerate(text.splitlines(), start=1):
-        if match := PROBED.search(line):
+        if SENT_SAVE.match(line):
+            if contacts:
+                odd.append(
+                    f"{len(contacts)} contacts before SAVE_CONFIG in line {number} of {name}: they "
+                    "may be of other values"
+                )
+            contacts = []
+        elif match := PROBED.search(line):
             x, y, z = (float(part) for part in match.groups())
             place = (x - x_offset, y - y_offset, z + z_offset)
+            contacts.append(Contact(place, match[0], z_offset))
         elif match := PROBED_BEFORE.search(line):
             x, y, z = (float(part) for part in match.groups())
-            place = (x, y, z)
+            contacts.append(Contact((x, y, z), match[0], z_offset))
         elif ANSWER.search(line):
             odd.append(f"{name}, line {number}: {line.strip()!r}: no place of PROBE")
-            continue
-        else:
-            continue
-        contacts.append(Contact(place, match[0], z_offset))
     return contacts, odd

@@ -21,7 +21,7 @@ from operator import itemgetter
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.printers.gcode import NUMBER, PREFIX, WHOLE, Texts, commands, lines, steps_held
-from protocols.printers.tower_printer import Contact, Held, Three, TowerPrinter
+from protocols.printers.tower_printer import Contact, Held, Pair, Three, TowerPrinter
 
 NAME = "marlin"
 ANSWER = re.compile(rf"Bed X: ({NUMBER}) Y: ({NUMBER}) Z: ({NUMBER}){WHOLE}")
@@ -56,7 +56,7 @@ def is_mine(text: str) -> bool:
     return MINE.search(text) is not None
 
 
-def held(texts: Texts) -> Held:
+def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
     """Geometry and contacts of these files together. Raises RecordError."""
     for line in commands(texts, "G20"):
         raise RecordError(
@@ -67,15 +67,16 @@ def held(texts: Texts) -> Held:
         )
     odd: list[str] = []
     printer = _printer(texts, odd)
-    offset = dict.fromkeys(TOWERS, 0.0)
+    offset = dict(zip(TOWERS, (*beside_mm, 0.0), strict=True))
     letters: set[str] = set()
     for line in commands(texts, "M851"):
         offset |= {letter: line.value(letter, offset[letter]) for letter in TOWERS}
         letters |= line.words.keys()
-    if letters == {"Z"} and any(ANSWER.search(text) for _, text in texts):
+    is_known = {"X", "Y"} <= letters or any(beside_mm)
+    if not is_known and any(ANSWER.search(text) for _, text in texts):
         odd.append(
-            "the probe's offset in X and Y, which M851 of older programs does not show: places of "
-            "G30 are taken as the tool's, add a line M851 X Y if the probe is beside it"
+            "the probe's offset in X and Y, which no M851 shows here: places of G30 are taken as "
+            "the tool's, add a line M851 X Y if the probe is beside it"
         )
     contacts = _contacts(texts, (offset["X"], offset["Y"], offset["Z"]), odd)
     beside_mm = offset["X"], offset["Y"]

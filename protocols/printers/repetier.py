@@ -12,7 +12,7 @@ import re
 
 from calib.errors import RecordError
 from protocols.printers.gcode import NUMBER, WHOLE, Texts, lines
-from protocols.printers.tower_printer import Contact, Held, TowerPrinter
+from protocols.printers.tower_printer import Contact, Held, Pair, TowerPrinter
 
 NAME = "repetier"
 STORED = re.compile(rf"EPR:\d+ (\d+) ({NUMBER}) ")
@@ -34,8 +34,9 @@ def is_mine(text: str) -> bool:
     return re.search(r"\bEPR:\d+ \d+ |Z-probe: ?[-\d]", text) is not None
 
 
-def held(texts: Texts) -> Held:
+def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
     """Geometry and contacts of these files together. Raises RecordError."""
+    x_beside, y_beside = beside_mm
     stored: dict[int, float] = {}
     odd: list[str] = []
     contacts, first = [], ""
@@ -45,12 +46,12 @@ def held(texts: Texts) -> Held:
             stored[int(match[1])] = float(match[2])
         elif match := ANSWER.search(text):
             down, x, y = (float(part) for part in match.groups())
-            contacts.append(Contact((x, y, 0.0 - down), match[0], 0.0, 0.001))
+            contacts.append(Contact((x - x_beside, y - y_beside, 0.0 - down), match[0], 0.0, 0.001))
         elif "Z-probe:" in text:
             odd.append(f"{where}: {text!r}: no place of a probe")
     if any(stored.get(place) for place in BESIDE):
         odd.append("the probe's offset in X and Y: places are taken as the tool's")
-    return Held(_printer(texts, stored, first), tuple(contacts), tuple(odd))
+    return Held(_printer(texts, stored, first), tuple(contacts), tuple(odd), beside_mm=beside_mm)
 
 
 def _printer(texts: Texts, stored: dict[int, float], first: str) -> TowerPrinter | None:

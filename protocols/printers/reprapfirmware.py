@@ -13,14 +13,14 @@ from collections.abc import Iterator, Sequence
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.printers.gcode import NUMBER, CodeLine, Texts, commands, lines, steps_held
-from protocols.printers.tower_printer import Contact, Held, TowerPrinter
+from protocols.printers.tower_printer import Contact, Held, Pair, TowerPrinter
 
 NAME = "reprapfirmware"
 FAR_MM = -9999.0
 """From this Z on down ``G30 P`` probes; above it a person states the height. Without a Z it is that
 where the tool is (GCodes.cpp, ``ExecuteG30``). The answer has stated heights, too."""
 
-ANSWER = re.compile(r"G32 bed probe heights:(.*?)(?:, mean .*)?$")
+ANSWER = re.compile(r"G32 bed probe heights:(.*?)(?:, mean .*)?$", re.MULTILINE)
 HELD = re.compile(
     r"Diagonals? ([\d.:]+), \w+ radius (\d+(?:\.\d+)?), homed height (\d+(?:\.\d+)?)"
     r", bed radius (\d+(?:\.\d+)?)"
@@ -60,13 +60,14 @@ def is_mine(text: str) -> bool:
     return MINE.search(text) is not None
 
 
-def held(texts: Texts) -> Held:
+def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
     """Geometry and contacts of these files together. Raises RecordError."""
     odd: list[str] = []
     texts = _as_started(_with_numbers(_in_order(texts)), odd)
     answers = list(_answers(texts))
     printer = _printer(texts, answers)
-    offset, tilt = dict.fromkeys("XYZ", 0.0), dict.fromkeys("AB", 0.0)
+    offset = dict(zip("XYZ", (*beside_mm, 0.0), strict=True))
+    tilt = dict.fromkeys("AB", 0.0)
     for line in commands(texts, "G31"):
         offset |= {letter: line.value(letter, offset[letter]) for letter in "XYZ"}
     for line in commands(texts, "M666"):
@@ -80,7 +81,7 @@ def held(texts: Texts) -> Held:
         raised = (tilt["A"] * x + tilt["B"] * y) / 100.0
         place = (x, y, height + offset["Z"] + raised)
         contacts.append(Contact(place, f"{height:.3f} of {where}", offset["Z"], 0.001))
-    beside_mm = offset["X"], offset["Y"]
+    beside_mm = (offset["X"], offset["Y"])
     return Held(printer, tuple(contacts), tuple(odd), beside_mm=beside_mm)
 
 

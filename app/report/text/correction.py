@@ -180,8 +180,9 @@ def doubt_lines(solved: SessionSolution) -> Iterator[str]:
         mistake_words = ", or ".join(
             f"{mistake.title} ({mistake.where}), {mistake.probability:.2f}" for mistake in mistakes
         )
+        likely = "likely" if mistakes[0].probability > 0.5 else "perhaps"
         yield (
-            "WARNING: likely a mistake in the readings, with its probability: "
+            f"WARNING: {likely} a mistake in the readings, with its probability: "
             f"{mistake_words}. The values are those of the likeliest labels, the tool error is "
             "over all; the record is not changed. Check it, and measure again."
         )

@@ -103,9 +103,9 @@ def change_answers(solved: SessionSolution, change: PrinterChange) -> Iterator[s
         yield NOT_WORTH_IT
     if uneven is None:
         return
-    if scatter_mm is None:
+    if scatter_mm is None and noise.repeated != "equal":
         yield NO_REPEATS
-    else:
+    elif scatter_mm is not None:
         yield (
             f"Contacts at one place repeat to {uncertain(scatter_mm)} mm (standard deviation, "
             f"{noise.scatter_of_repeats[1]:.0f} degrees of freedom)."

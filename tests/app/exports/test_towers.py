@@ -361,7 +361,7 @@ def test_what_is_not_upright_or_stands_elsewhere_is_refused(tmp_path: Path) -> N
 
     orthoglide = load_machine(None)
     assert "drives along other lines" in said(2, orthoglide, "klipper", "--endstops", "1,1,1")
-    assert "joints y, z, x" in said(2, machine(joints=("y", "z", "x")))
+    assert "joints y, z, x" in said(2, machine(joints=("y", "z", "x")), "lineardeltakins")
     assert "count upwards" in said(2, machine(joints=("x", "-y", "z")), "reprapfirmware")
     assert "count upwards" in said(2, machine(joints=("x", "y", "z")), "lineardeltakins")
     assert "--endstops" in said(2, machine(), "klipper", "--ini", "machine.ini")

@@ -304,7 +304,7 @@ ODD_G = "G30 P0 X0 Y0 Z-99999\nG30 P1 X50 Y0 Z0.1\nG30 P2 X0 Y50 Z-99999 S-1\n"
         ),
         (
             (m503(PERFECT).replace("M851 X15.00 Y-5.00 Z-2.00", "M851 Z-2.00"),),
-            "the probe's offset in X and Y, which M851 of older programs does not show",
+            "the probe's offset in X and Y, which no M851 shows here",
         ),
         (
             (m205(PERFECT, extra="Z-probe: failed\nEPR:3 800 20.0 Z-probe offset x [mm]\n"),),
@@ -368,6 +368,50 @@ M666 {words((0.1, -0.3, 0.2))} A0.00 B0.00
 ; Z probe parameters
 G31 K0 P500 X0.0 Y0.0 Z0.45
 """
+
+
+@pytest.mark.parametrize("behind", ["ok\n", "\n\n", "12:03:04 M400\nok\n"])
+def test_lines_behind_the_answer_of_g32_change_nothing(tmp_path: Path, behind: str) -> None:
+    macro, answer = g32(PERFECT)
+    printer = read(tmp_path, CONFIG_G, macro, answer + behind)
+    assert positions(printer) == positions(read(tmp_path, CONFIG_G, macro, answer))
+
+
+def test_with_a_machine_file_a_log_alone_is_of_its_probe(tmp_path: Path) -> None:
+    """Of Marlin that does not show M851, and says so where nobody states the probe."""
+    whole = m503(PERFECT)
+    machine = read(tmp_path, whole).opened.machine
+    path = tmp_path / "answers.log"
+    path.write_text("".join(re.findall(r"Bed X.*\n", whole)), encoding="utf-8")
+    alone = imported_printer([path], "test", machine=machine)
+    apart = np.subtract(positions(alone), positions(read(tmp_path, whole)))
+    assert np.abs(apart[:, :2]).max() < 1e-9
+    assert apart[:, 2] == pytest.approx(-2.0)  # the Z of M851 is in no machine file
+    assert not alone.odd
+    stranger = imported_printer([path], "test", machine=machine.model_copy(
+        update={"probe_offset_mm": None}))  # fmt: skip
+    assert "no M851 shows here" in stranger.odd[0]
+
+
+def test_files_of_other_names_are_of_the_same_printer(tmp_path: Path) -> None:
+    """Before and after its values were entered; another printer is refused."""
+    sessions = []
+    larger = CONFIG_G.replace(f"R{true.RADIUS}", f"R{true.RADIUS + 40.0}")
+    for name, config in (("before", CONFIG_G), ("after", CONFIG_G), ("other", larger)):
+        macro, answer = g32(PERFECT if name == "before" else true.OFF_IN_ALL, 3)
+        folder = tmp_path / name
+        folder.mkdir()
+        text = config.replace("Z0 ;", "Z0.1 ;") if name == "after" else config
+        for file, content in ((name, text), ("m", macro), ("a", answer)):
+            (folder / f"{file}.g").write_text(content, encoding="utf-8")
+        files = [folder / f"{file}.g" for file in (name, "m", "a")]
+        sessions.append(tmp_path / f"{name}.jsonl")
+        run = glidecal("import", *files, "-o", sessions[-1])
+        assert run.status == 0, run.err
+    before, after, other = sessions
+    run = glidecal("compare", before, after)
+    assert run.status == 0, run.err
+    assert "machines of different geometry" in glidecal("compare", before, other).err
 
 
 def test_files_are_read_in_the_firmwares_order(tmp_path: Path) -> None:

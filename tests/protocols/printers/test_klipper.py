@@ -31,10 +31,13 @@ from tests.protocols.printers.printers import (
     PRINTER,
     PROBE,
     STEP_MM,
+    TRIGGER_MM,
     arms_saved,
     height_lines,
     printer_cfg,
     rings,
+    sample_cfg,
+    sample_log,
     saved,
     stable,
     steppers,
@@ -563,6 +566,62 @@ def test_motors_without_a_common_turn_have_no_screw(tmp_path: Path) -> None:
     text = PRINTER + steppers().replace(MOTOR, MOTOR.replace("40", "39.9"), 1)
     printer = read(tmp_path, text + saved([*arms_saved(), *height_lines(PERFECT)]))
     assert printer.opened.machine.screw_lead_mm is None
+
+
+def test_heights_saved_at_another_trigger_height_have_a_zero_of_their_own(tmp_path: Path) -> None:
+    """PROBE_CALIBRATE behind DELTA_CALIBRATE: the same plate is met 0.1 mm elsewhere."""
+    higher = re.sub(
+        r"(contact at z=)(\S+)", lambda m: f"{m[1]}{float(m[2]) + 0.1:.6f}", sample_log()
+    )
+    arms = []
+    for trigger_mm, log in ((TRIGGER_MM, sample_log()), (TRIGGER_MM - 0.1, higher)):
+        folder = tmp_path / f"{trigger_mm:g}"
+        folder.mkdir()
+        cfg = sample_cfg().replace(f"z_offset: {TRIGGER_MM}", f"z_offset: {trigger_mm:g}")
+        printer = read(folder, cfg, log)
+        mounts = {contact.mount for contact in printer.contacts}
+        assert len(mounts) == (1 if trigger_mm == TRIGGER_MM else 2)
+        assert not glidecal("import", *sorted(folder.iterdir()), "-o", folder / "s.jsonl").status
+        answer = json.loads(glidecal("solve", folder / "s.jsonl", "--json").out)
+        towers = answer["correction"]["firmware"]["towers"]
+        arms.append([tower["arm_mm"]["then"] for tower in towers])
+    assert arms[1] == pytest.approx(arms[0], abs=0.1)  # with one zero 0.3, 1.1 and 1.0 mm off
+
+
+def test_contacts_before_other_values_were_saved_are_named_and_not_used(tmp_path: Path) -> None:
+    lines = [f"// probe: at {x},0.000 bed will contact at z=0.010000\n" for x in (0.0, 30.0, 60.0)]
+    note = "// The SAVE_CONFIG command will update the printer config file\n"
+    for command in ("SAVE_CONFIG", "Send: SAVE_CONFIG", "12:01:02 PM > SAVE_CONFIG"):
+        log = "".join([lines[0], note, lines[1], f"{command}\n", lines[2]])
+        printer = read(tmp_path, PRINTER + steppers(), log)
+        assert [contact.position_mm for contact in printer.contacts] == [(60.0, 0.0, 0.01)]
+        assert printer.odd == (
+            "2 contacts before SAVE_CONFIG in line 4 of 0.log: they may be of other values",
+        )
+
+
+def test_a_log_of_two_probings_that_disagree_is_solved(tmp_path: Path) -> None:
+    """A model that was tried led where no bars meet."""
+    lines = sample_log().splitlines(keepends=True)
+    is_answer = ["contact at" in line for line in lines]
+    first = [k for k, answer in enumerate(is_answer) if answer][:7]
+    for k in first:
+        lines[k] = re.sub(r"z=(\S+)", lambda m: f"z={float(m[1]) + 0.2:.6f}", lines[k])
+    cfg, log, session = (tmp_path / name for name in ("printer.cfg", "0.log", "s.jsonl"))
+    cfg.write_text(PRINTER + PROBE + steppers(), encoding="utf-8")
+    log.write_text("".join(lines), encoding="utf-8")
+    assert glidecal("import", cfg, log, "-o", session).status == 0
+    run = glidecal("solve", session)
+    assert run.status == 0, run.err
+    assert "WARNING" in run.out
+
+
+def test_with_a_machine_file_a_log_alone_is_of_its_probe(tmp_path: Path) -> None:
+    probe = "[probe]\nx_offset: 20\ny_offset: -5\nz_offset: 0\n"
+    log = "probe: at 0.000,0.000 bed will contact at z=0.1\n"
+    printer = read(tmp_path, PRINTER + steppers() + probe, log)
+    alone = imported_printer([tmp_path / "0.log"], "test", machine=printer.opened.machine)
+    assert alone.contacts[0].position_mm == (-20.0, 5.0, 0.1)
 
 
 def relabelled(text: str, order: str) -> str:

@@ -82,13 +82,22 @@ def read_toml(path: Path, kind: type[D], subject: str) -> D:
         # strict validation takes lists for tuples only from JSON, and TOML has no tuples
         content = json.dumps(tomllib.loads(text), default=str)
     except (ValueError, RecursionError) as problem:
-        raise RecordError(f"{subject} {path}", str(problem), "TOML text") from problem
+        raise RecordError(
+            f"{subject} {path}", str(problem), "TOML text", _comma(text, problem)
+        ) from problem
     try:
         return kind.model_validate_json(content)
     except ValidationError as problem:
         raise RecordError(
             f"{subject} {path}", reason=describe(problem, text), next_step=_keys_for(problem, kind)
         ) from problem
+
+
+def _comma(text: str, problem: Exception) -> str:
+    """What to do where the line that the message names has a decimal comma."""
+    place = re.search(r"at line (\d+)", str(problem))
+    line = text.splitlines()[int(place[1]) - 1] if place else ""
+    return "Write decimals with a point." if re.search(r"=\s*[+-]?\d+,\d+\s*(#|$)", line) else ""
 
 
 def _keys_for(problem: ValidationError, kind: type[BaseModel]) -> str:

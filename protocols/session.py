@@ -430,6 +430,13 @@ class Session(Tabled):
         """
         return self.is_new_place(step) or not self.stand_untouched
 
+    @property
+    def last_is_alone(self) -> bool:
+        """Whether the mounting read last has one posture, which without another gives nothing."""
+        last = self.readings[-1].mount if self.readings else ""
+        of_last = [reading for reading in self.readings if reading.mount == last]
+        return len({(reading.displacement_mm, reading.position_mm) for reading in of_last}) == 1
+
     def done(self) -> frozenset[int]:
         """Numbers of the steps for which every axis has a reading that counts."""
         axes: dict[int, set[str]] = {}

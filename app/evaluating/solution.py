@@ -319,8 +319,8 @@ class SessionSolution(Tabled):
 
     @property
     def reading_count(self) -> int:
-        """How many readings count."""
-        return len(self.observed)
+        """How many readings count: those that are alone with their zero do not."""
+        return len(self.observed) - sum(len(alone.readings) for alone in self.isolated)
 
     @property
     def joint_offsets_mm(self) -> tuple[float, float, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
 from typing import Literal
@@ -18,7 +19,7 @@ from app.report.text.result import decided, judged_sentence
 from app.settings import WHAT, data_path, read_settings, settings_path
 from calib.errors import RecordError, UsageError
 from protocols.certificate import CertificateOrder, InstrumentIdentity, Laboratory, read_order
-from protocols.documents import Document, Name, read_bytes, read_remembered
+from protocols.documents import MOST_BYTES, Document, Name, read_bytes, read_remembered
 from protocols.files import write_files
 from protocols.machine import Machine
 from protocols.session import Session
@@ -76,6 +77,17 @@ class CertifiedCalibration:
         return (*self.solved.sessions, *later)
 
     @property
+    def counted(self) -> dict[str, int]:
+        """How many readings of each session count, by its digest."""
+        later = (self.verified.compared.after,) if self.verified else ()
+        counts = {session.digest: len(session.readings) for session in self.sessions}
+        for solution in (self.solved, *later):
+            for alone in solution.isolated:
+                session = next(s for s in solution.sessions if s.name == alone.session)
+                counts[session.digest] -= len(alone.readings)
+        return counts
+
+    @property
     def instruments(self) -> tuple[InstrumentIdentity, ...]:
         """Each indicator once, whatever axes it measured along, then those of the order.
 
@@ -125,6 +137,20 @@ class CertifiedCalibration:
         """As `identification_of`."""
         return identification_of(self.head, self.digests)
 
+    @property
+    def terms(self) -> str:
+        """As `terms_of`, with the digest of the model."""
+        terms = terms_of(self.tolerance_mm)
+        if self.model is None:
+            return terms
+        content = read_bytes(self.model, "model file", MOST_BYTES)
+        return f"{terms}, model {sha256(content).hexdigest()[:DIGEST_LETTERS]}"
+
+
+def terms_of(tolerance_mm: float | None) -> str:
+    """What results and decision of a certificate depend on beside its records."""
+    return "no tolerance" if tolerance_mm is None else f"tolerance {tolerance_mm:g} mm"
+
 
 def serial_numbers_of(head: CertificateHead | None, recorded: str | None) -> tuple[str, ...]:
     """Of the machine: as the order states it, and as the record does where that is another."""
@@ -161,31 +187,43 @@ def calibration_of(
 
 
 class IssuedNumbers(Document):
-    """Numbers of certificates that this computer wrote, with the digests of their records."""
+    """Numbers of certificates that this computer wrote.
+
+    With the digests of their records, and the terms behind them: older ones have none.
+    """
 
     numbers: dict[Name, tuple[str, ...]] = Field(default_factory=dict)
 
 
-def issue_number(head: CertificateHead | None, digests: tuple[str, ...]) -> None:
-    """Remember the number of a certificate; the same records may have it in every format.
+def issue_number(head: CertificateHead | None, digests: tuple[str, ...], terms: str) -> None:
+    """Remember the number of a certificate.
 
-    Raises UsageError for the number of other records, and as `read_remembered` and `write_files`.
+    The same records on the same ``terms`` may have it in every format. Raises UsageError for the
+    number of others, and as `read_remembered` and `write_files`.
     """
     if head is None:
         return
     path = data_path().with_name("certificates.json")
     numbers = read_remembered(path, IssuedNumbers, "numbers of certificates,").numbers
-    number = head.order.number
-    if numbers.get(number, digests) != digests:
-        records = ", ".join(digest[:DIGEST_LETTERS] for digest in numbers[number])
+    number, identity = head.order.number, (*digests, terms)
+    if numbers.get(number, identity) not in (identity, digests):
+        issued_as = numbers[number]
+        if issued_as[:-1] == digests:
+            raise UsageError(
+                f"certificate {number}",
+                f"{terms} in place of {issued_as[-1]}",
+                "the tolerance and the model that this certificate has",
+                "Another decision is another certificate: give it a number of its own.",
+            )
+        records = ", ".join(part[:DIGEST_LETTERS] for part in issued_as if " " not in part)
         raise UsageError(
             f"certificate {number}",
             "a number that another certificate has",
             "a number of its own, or the sessions and --after of that certificate",
             f"The digests of its records begin with {records}; {path} lists all numbers.",
         )
-    if number not in numbers:
-        issued = IssuedNumbers(numbers={**numbers, number: digests})
+    if numbers.get(number) != identity:
+        issued = IssuedNumbers(numbers={**numbers, number: identity})
         write_files(path, {"": issued.model_dump_json(indent=1)}, replace=True)
 
 

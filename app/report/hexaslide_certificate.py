@@ -14,7 +14,12 @@ from app.evaluating.hexaslide_calibration import (
 )
 from app.evaluating.posture_history import Decision
 from app.evaluating.tolerance import check_tolerance
-from app.report.certificate import CertificateHead, identification_of, serial_numbers_of
+from app.report.certificate import (
+    CertificateHead,
+    identification_of,
+    serial_numbers_of,
+    terms_of,
+)
 from protocols.hexaslide_session import PostureSession, read_postures
 from protocols.record import Record
 
@@ -72,6 +77,11 @@ class CertifiedPostures:
     def digests(self) -> tuple[str, ...]:
         """Of the records, in their order."""
         return tuple(record.digest for _, record in self.sessions)
+
+    @property
+    def terms(self) -> str:
+        """As `terms_of`."""
+        return terms_of(self.tolerance_mm)
 
     @property
     def identification(self) -> str:

@@ -159,10 +159,8 @@ class ResultScreen(PagedScreen[None]):
         pair = await tried(self, sessions, self.model, subset=self.solved.solution.subset)
         if pair is None:
             return
-        choice, entry = pair
-        if choice.standing != "model" or self.model is None:
-            self.app.complain(self.app.keyed(what_if_texts.DIAGNOSE_FIRST))
-            return
+        _, entry = pair
+        assert self.model is not None, "other effects are adopted by the diagnosis"
         self.app.notify(what_if_texts.RESIZING)
         model = await asyncio.to_thread(resize, sessions, self.model, entry)
         solved = await apart(self, solve_sessions, sessions, subset=subset, model=model)

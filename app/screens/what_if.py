@@ -198,6 +198,8 @@ class WhatIfScreen(SizesScreen[EffectEntry | None, WhatIf]):
             self.app.complain(texts.NOT_YET)
         elif not any(self.values):
             self.app.complain(self.app.keyed(texts.NOTHING))
+        elif self.effect_choice.standing == "undiagnosed":
+            self.app.complain(self.app.keyed(texts.DIAGNOSE_FIRST))
         else:
             at_best = self.values == self.sizes.best
             self.dismiss(entry.freed() if at_best else entry.held_at(self.values))

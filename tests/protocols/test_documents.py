@@ -26,6 +26,7 @@ def test_default_machine_is_the_prototype() -> None:
         ('leg_length_mm = "300"\n', "leg_length_mm"),
         ("leg_length_mm = -3.0\n", "must be at least 0.001 \\(found -3.0\\)"),
         ("leg_length_mm = nan\n", "leg_length_mm"),
+        ("leg_length_mm = 310,25\n", "at line 1, column 20.*Write decimals with a point"),
         ("[motion]\nreached_mm = 1.1\n", "must be at most 1 \\(found 1.1\\)"),
         ("fastest_feed_mm_min = 0.9\n", "must be at least 1 \\(found 0.9\\)"),
         ("leg_length_mm = inf\n", "leg_length_mm"),

@@ -10,6 +10,7 @@ import shutil
 import sys
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 
 import aiohttp
@@ -31,7 +32,7 @@ from protocols.procedure import load_procedure
 from protocols.record import read_record
 from tests.app.cli import glidecal, refused
 from tests.conftest import LONG, SAMPLES
-from tests.screens.driving import SIZE, history_shown, said, until
+from tests.screens.driving import SIZE, history_shown, said, text, until
 from tests.screens.test_serving import PATIENCE_S, Served, all_gone, children, fetch
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and /proc as on Unix")
@@ -258,7 +259,9 @@ async def test_a_tab_of_a_folder_shows_its_sessions_and_history(folder: Path) ->
         assert words[0] == "History of sessions"
         assert len(words) == 1 + 5
         await pilot.press("enter")
-        assert "damaged.jsonl" in await history_shown(pilot, interface)
+        await history_shown(pilot, interface)
+        shown = partial(text, interface, "#history-text")
+        await until(pilot, "all sessions", lambda: "damaged.jsonl" in shown())
         await pilot.press("escape")
         await until(pilot, "list", lambda: isinstance(interface.screen, ReplayChoiceScreen))
         shutil.rmtree(folder)

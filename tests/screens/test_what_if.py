@@ -302,7 +302,7 @@ async def test_on_a_result_any_effect_is_tried_and_none_adopted(tmp_path: Path) 
         await pilot.press("enter")
         words = interface.keyed(texts.DIAGNOSE_FIRST)
         await until(pilot, "words", lambda: words in said(interface))
-        assert isinstance(interface.screen, ResultScreen)
+        assert interface.screen is page, "the size stays"
         await pilot.press("f10")
     assert [entry.name for entry in tmp_path.iterdir()] == ["plain.jsonl"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -116,7 +116,7 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
             "What was measured",
             [
                 _machine(calibration.machine, calibration.tolerance_mm),
-                *_sessions(calibration.sessions),
+                *_sessions(calibration.sessions, calibration.counted),
                 *_set_ups(solved.sessions[0]),
             ],
         ),
@@ -167,10 +167,11 @@ def _machine(machine: Machine, tolerance_mm: float | None) -> Table:
     return table
 
 
-def _sessions(sessions: Sequence[Session]) -> list[Table]:
+def _sessions(sessions: Sequence[Session], counted: Mapping[str, int]) -> list[Table]:
     """Who measured what, when, how warm and with what; some sessions beside each other."""
     if len(sessions) > BESIDE:
-        return [*_sessions(sessions[:BESIDE]), *_sessions(sessions[BESIDE:])]
+        parts = sessions[:BESIDE], sessions[BESIDE:]
+        return [table for part in parts for table in _sessions(part, counted)]
     table = new_table("session", *(record.name for record in sessions), left=1 + len(sessions))
     opened = [session.opened for session in sessions]
     contacts = all(session.of_contacts for session in sessions)
@@ -188,7 +189,7 @@ def _sessions(sessions: Sequence[Session]) -> list[Table]:
         ],
         "measured with": [record.program for record in opened],
         "contacts that count" if contacts else "readings that count": [
-            f"{len(record.readings)} of {len(record.all_readings)}" for record in sessions
+            f"{counted[record.digest]} of {len(record.all_readings)}" for record in sessions
         ],
         **(
             {"distances between marks": [f"{len(record.distances)}" for record in sessions]}

@@ -84,7 +84,9 @@ def source_from(certified: CertifiedPostures) -> ReportSource:
 
         return contents_of(certified)
 
-    return ReportSource(certified.digests, lambda: report_page(certified), certificate)
+    return ReportSource(
+        certified.digests, certified.terms, lambda: report_page(certified), certificate
+    )
 
 
 def report_page(certified: CertifiedPostures) -> CalibrationReport:

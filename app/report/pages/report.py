@@ -148,9 +148,13 @@ def pdf_of(html: str) -> bytes:
 
 @dataclass(frozen=True)
 class ReportSource:
-    """Results of records, as a page and as a digital certificate; ``digests`` are the records'."""
+    """Results of records, as a page and as a digital certificate.
+
+    ``digests`` are the records', ``terms`` what the results depend on beside them.
+    """
 
     digests: tuple[str, ...]
+    terms: str
     page: Callable[[], CalibrationReport]
     certificate: Callable[[], CertificateContents]
 
@@ -179,7 +183,9 @@ def source_of_legs(
 
         return contents_of(calibration)
 
-    return ReportSource(calibration.digests, lambda: report_from(calibration), certificate)
+    return ReportSource(
+        calibration.digests, calibration.terms, lambda: report_from(calibration), certificate
+    )
 
 
 def write_report(
@@ -203,7 +209,7 @@ def write_report(
 
         check_head(head)
     results = source()
-    issue_number(head, results.digests)
+    issue_number(head, results.digests, results.terms)
     if not digital:
         html = html_of(results.page())
         content = pdf_of(html) if output.suffix == ".pdf" else html

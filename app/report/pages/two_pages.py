@@ -106,7 +106,7 @@ def _object(calibration: CertifiedCalibration) -> Table:
     opened = [session.opened for session in sessions]
     table = new_table("object", shortened(machine.name), left=2)
     procedures = (start.procedure.name if start.procedure else None for start in opened)
-    count = sum(len(session.readings) for session in sessions)
+    count = sum(calibration.counted.values())
     rows: list[tuple[str, Iterable[str | None]]] = [
         *ordered_rows(calibration.head, calibration.serial_numbers),
         ("measured", dict.fromkeys(day_words(s.opened, s.readings) for s in sessions)),

@@ -206,7 +206,7 @@ def _of_the_measurement(solved: SessionSolution) -> Iterator[str]:
             f"NOTE: all repeats agree to the last digit, {step_mm:g} mm. They do not show how much "
             f"the {taken_word(solved)}s scatter, and more of them would not make the result better."
         )
-    in_place = solved.reading_count - len(solved.visits)
+    in_place = len(solved.observed) - len(solved.visits)
     if in_place:
         yield (
             f"NOTE: {in_place} readings were taken without leaving the posture. They have the "

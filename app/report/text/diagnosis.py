@@ -14,7 +14,7 @@ from app.report.text.correction import FRAME_WORDS
 from app.report.text.printer import tower_remedies
 from app.report.text.tables import (
     PAGE_HELP,
-    decimals,
+    expanded,
     hanging,
     new_table,
     paragraphs,
@@ -331,12 +331,11 @@ def _rivals(finding: Finding) -> str:
 
 
 def _values_and_gap(finding: Finding) -> list[str]:
-    """Parameters to two figures of their standard uncertainty, then the gap before and after."""
-    lines = []
-    for value in finding.parameters:
-        u = value.standard_uncertainty
-        places = decimals(u)
-        lines.append(f"{value.name} = {value.value:+.{places}f} ± {u:.{places}f} {value.unit}")
+    """Parameters with their expanded uncertainty, then the gap before and after."""
+    lines = [
+        f"{value.name} = {expanded(value.value, value.standard_uncertainty)} {value.unit}"
+        for value in finding.parameters
+    ]
     return [*lines, f"gap {finding.gap_rms_before_mm:.4f} → {finding.gap_rms_after_mm:.4f} mm"]
 
 

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.report.text.tables import wrapped
-from calib.quantity import decimals
+from app.report.text.tables import expanded, wrapped
 from protocols.effect_entries import EffectEntry, HistoryEntry
 
 
 def size_lines(effect: EffectEntry) -> list[str]:
-    """The values of an effect, with their standard uncertainties."""
+    """The values of an effect, with their expanded uncertainties."""
     lines = []
     for name, size in effect.parameters.items():
         spread = size.standard_uncertainty
-        value_words = f"{size.value:+.4g}"
-        if spread:
-            places = decimals(spread)
-            value_words = f"{size.value:+.{places}f} ± {spread:.{places}f}"
+        value_words = expanded(size.value, spread) if spread else f"{size.value:+.4g}"
         held_words = ", held" if size.held else ""
         lines.append(f"    {name} = {value_words} {size.unit}{held_words}")
     return lines

@@ -8,7 +8,15 @@ from rich.table import Table
 
 from app.evaluating.history import History, MachineHistory
 from app.evaluating.posture_history import PostureHistory
-from app.report.text.tables import PAGE_HELP, hanging, new_table, paragraphs, signed, wrapped
+from app.report.text.tables import (
+    PAGE_HELP,
+    hanging,
+    new_table,
+    paragraphs,
+    signed,
+    uncertain,
+    wrapped,
+)
 from calib.arrays import LEG_NAMES
 from calib.control_chart import FEWEST, RULES
 from calib.printable import counted
@@ -161,8 +169,8 @@ def posture_sessions_table(machine: PostureHistory) -> tuple[Table, list[str]]:
             f"{entry.began:%Y-%m-%d}",
             entry.procedure,
             f"{entry.postures}",
-            f"{entry.now_mm:.3f}",
-            "" if entry.bound_mm is None else f"{entry.bound_mm:.3f}",
+            "" if entry.now_mm is None else uncertain(entry.now_mm),
+            "" if entry.bound_mm is None else uncertain(entry.bound_mm),
             entry.decision or "",
             "" if entry.temperature_c is None else f"{entry.temperature_c:.1f}",
         )
@@ -218,7 +226,7 @@ def sessions_table(machine: MachineHistory) -> tuple[Table, list[str]]:
             f"{entry.began:%Y-%m-%d}",
             *(f"{signed(mm, 4)}{sign or ' '}" for mm, sign in marked),
             f"{max(expanded):.4f}",
-            f"{entry.bound_before_mm:.3f}",
+            uncertain(entry.bound_before_mm),
             "" if entry.temperature_c is None else f"{entry.temperature_c:.1f}",
         )
         remarks = [str(point.path), point.event, *(entry.effects or ())]

@@ -21,7 +21,7 @@ from calib.design.identifiability import SeenBy
 from calib.diagnosis.results import AliasMap, Named
 from calib.errors import GlidecalError
 from calib.posterior.expected import ExpectedParameter, ExpectedResult
-from calib.posterior.planning import Outside, Reach, Separation
+from calib.posterior.planning import WORTH, Outside, Reach, Separation
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures
 from calib.tripod.workspace import PostureOfTool, Workspace
@@ -198,8 +198,10 @@ def plan_text(plan: MeasurementPlan) -> str:
         )
     planner, best = plan.planner, plan.best
     entered = planner.correction
+    hardly = "hardly " if best.bound_mm > WORTH * planner.bound_mm else ""
     after = (
-        f"In {best.candidate.minutes:.1f} min this lowers the bound (95 %) of the tool error from "
+        f"In {best.candidate.minutes:.1f} min this {hardly}lowers the bound (95 %) of the tool "
+        "error from "
         f"{uncertain(planner.bound_mm)} to {uncertain(best.bound_mm)} mm r.m.s., "
         f"{FRAME_WORDS[entered.frame]}, {FORMATS_WORDS[entered.holds]} entered (noise "
         f"{plan.noise_words})."

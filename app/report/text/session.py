@@ -190,8 +190,16 @@ def step_text(step: Step, session: Session, by: TakenBy = TakenBy.HAND) -> str:
             first = "the tool, or a probe beside it, comes down on the plate"
         lines.insert(1, f"First, at Zero: {first}.")
     elif session.needs_new_zero(step):
-        lines.insert(1, "After the break the readings have a new zero.")
+        lines.insert(1, _new_zero_words(session))
     return "\n".join(lines)
+
+
+def _new_zero_words(session: Session) -> str:
+    if not session.last_is_alone:
+        return "After the break the readings have a new zero."
+    return (
+        "After the break a new zero; the posture before is lost.\n{measure.earlier} takes it again."
+    )
 
 
 def _from_tool_end(step: Step, geometry: Geometry) -> str:

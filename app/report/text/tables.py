@@ -33,6 +33,13 @@ HELP_WIDTH = 72
 """The same of a dialog with help."""
 
 
+def expanded(value: float, standard_uncertainty: float) -> str:
+    """A value ± its expanded uncertainty (95 %, k = 2), to two digits of that."""
+    half = 2.0 * standard_uncertainty
+    places = decimals(half)
+    return f"{signed(value, places)} ± {half:.{places}f}"
+
+
 def new_table(*headings: str, left: int = 1) -> Table:
     """A table; the first ``left`` columns are text, the others numbers."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)

@@ -12,6 +12,7 @@ from app.report.text.tables import (
     LEAST_MM,
     decimals,
     difference_words,
+    expanded,
     new_table,
     paragraphs,
     signed,
@@ -97,8 +98,7 @@ def sizes_text(sizes: Sizes, values: Sequence[float], number: int, why_not: str)
     for k, (name, step) in enumerate(zip(sizes.names, sizes.steps, strict=True)):
         best = "not seen"
         if sizes.best:
-            places = decimals(sizes.deviations[k])
-            best = f"{signed(sizes.best[k], places)} ± {sizes.deviations[k]:.{places}f}"
+            best = expanded(sizes.best[k], sizes.deviations[k])
         value = signed(values[k], decimals(step))
         mark = ">" if k == number else " "
         table.add_row(f"{mark} {name}", value, sizes.units[k], best, f"{step:g}")
@@ -130,8 +130,8 @@ def numbers_text(without: WhatIf, now: WhatIf) -> str:
     former, solution = without.solution, now.solution
     table = new_table(SUBSET_WORDS[solution.subset], "without, mm", "with it, mm", "± U, mm")
     rows = (solution.names, former.values_mm, solution.values_mm, solution.expanded_mm)
-    for name, before, after, expanded in zip(*rows, strict=True):
-        table.add_row(name, signed(before, 4), signed(after, 4), uncertain(expanded, 4))
+    for name, before, after, half_mm in zip(*rows, strict=True):
+        table.add_row(name, signed(before, 4), signed(after, 4), uncertain(half_mm, 4))
     differences = solution.differences
     listed = new_table("difference", "measured, mm", "without, mm", "with it, mm", "left, mm")
     for k in differences.published_rows:

@@ -284,6 +284,10 @@ def test_a_reading_alone_between_two_breaks_is_said_to_be_lost(tmp_path: Path) -
     text = " ".join(solved(tmp_path, [*readings[:26], lone, *readings[27:]]).out.split())
     assert "NOT USED: reading 27 of t.jsonl" in text
     assert "it gives no difference" in text
+    assert f"{len(readings) - 1} readings" in text
+    page = tmp_path / "t.html"
+    assert glidecal("report", tmp_path / "t.jsonl", "-o", page).status == 0
+    assert f"{len(readings) - 1} of {len(readings)}" in page.read_text(encoding="utf-8")
 
 
 def test_noise_that_the_fit_left_cannot_be_simulated(tmp_path: Path) -> None:

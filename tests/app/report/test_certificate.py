@@ -253,9 +253,13 @@ def test_a_number_is_of_one_certificate(tmp_path: Path, monkeypatch: pytest.Monk
     for name in ("a.html", "a.xml"):
         run = glidecal("report", SIXTY, "--certificate", path, "-o", tmp_path / name)
         assert run.status == 0, run.err
+    stricter = ("report", SIXTY, "--certificate", path, "--tolerance", "0.001")
+    assert "found tolerance 0.001 mm in place of " in refused(
+        2, *stricter, "-o", tmp_path / "d.xml"
+    )
     again = ("report", MANY, "--certificate", path, "-o", tmp_path / "b.html")
     refusal = refused(2, *again)
     assert "a number that another certificate has" in refusal
     digest = read_record(SIXTY).session.digest
     assert f"begin with {digest[:12]}; {next(tmp_path.rglob('certificates.json'))} " in refusal
-    assert not (tmp_path / "b.html").exists()
+    assert not any((tmp_path / name).exists() for name in ("b.html", "d.xml"))

@@ -393,6 +393,17 @@ def test_with_a_machine_file_a_log_alone_is_of_its_probe(tmp_path: Path) -> None
     assert "no M851 shows here" in stranger.odd[0]
 
 
+def test_repeats_that_agree_to_the_last_digit_are_repeats(tmp_path: Path) -> None:
+    """Of Marlin's hundredths: it was said, too, that no place was probed twice."""
+    log, session = tmp_path / "m.log", tmp_path / "s.jsonl"
+    log.write_text(m503(true.OFF_IN_ALL, 3), encoding="utf-8")
+    assert glidecal("import", log, "-o", session).status == 0
+    text = glidecal("solve", session).out
+    assert "all repeats agree to the last digit" in " ".join(text.split())
+    assert "No place was probed twice" not in text
+
+
+@LONG
 def test_files_of_other_names_are_of_the_same_printer(tmp_path: Path) -> None:
     """Before and after its values were entered; another printer is refused."""
     sessions = []

@@ -568,6 +568,7 @@ def test_motors_without_a_common_turn_have_no_screw(tmp_path: Path) -> None:
     assert printer.opened.machine.screw_lead_mm is None
 
 
+@LONG
 def test_heights_saved_at_another_trigger_height_have_a_zero_of_their_own(tmp_path: Path) -> None:
     """PROBE_CALIBRATE behind DELTA_CALIBRATE: the same plate is met 0.1 mm elsewhere."""
     higher = re.sub(
@@ -600,6 +601,7 @@ def test_contacts_before_other_values_were_saved_are_named_and_not_used(tmp_path
         )
 
 
+@LONG
 def test_a_log_of_two_probings_that_disagree_is_solved(tmp_path: Path) -> None:
     """A model that was tried led where no bars meet."""
     lines = sample_log().splitlines(keepends=True)
@@ -636,7 +638,7 @@ def relabelled(text: str, order: str) -> str:
     return re.sub(r"\[stepper_([abc])\]", lambda m: f"[stepper_{order['abc'.index(m[1])]}]", text)
 
 
-@pytest.mark.parametrize("order", ["bac", "bca"])
+@pytest.mark.parametrize("order", first_quick(["bac", "bca"]))
 def test_a_tower_keeps_the_motor_that_moves_it(tmp_path: Path, order: str) -> None:
     """Whatever the angles of a, b, c are: values of another's switch would crash the machine."""
     values = {}

@@ -135,7 +135,7 @@ def imported_printer(
             "contacts, and no geometry",
             "the printer's configuration beside it, or --machine",
         )
-    _check(paths[0], held.contacts, machine)
+    _check(", ".join(map(str, paths)), held.contacts, machine)
     instrument = Instrument(
         profile="probe",
         port=paths[0].name,
@@ -194,7 +194,7 @@ def _refuse_twice(texts: Texts) -> None:
                 raise RecordError(f"{WHAT} {path}", see, "each file once", "Leave it out.")
 
 
-def _check(path: Path, contacts: Sequence[Contact], machine: Machine) -> None:
+def _check(files: str, contacts: Sequence[Contact], machine: Machine) -> None:
     """Raises RecordError for the first contact that is none of this machine's, with its text."""
     geometry, allowed = machine.geometry(), "contacts with one plate, of this machine"
     off_mm = np.array([contact.place_mm[2] - contact.height_mm for contact in contacts])
@@ -208,35 +208,37 @@ def _check(path: Path, contacts: Sequence[Contact], machine: Machine) -> None:
         if not reached or abs(off - usual_mm) > OFF_PLATE_MM:
             why = f"{abs(off - usual_mm):.3g} mm off the others" if reached else "not reached"
             raise RecordError(
-                f"{WHAT} {path}",
+                f"{WHAT} {files}",
                 f"{contact.text[:SHOWN]}: the tool at ({x:.6g}, {y:.6g}, {z:.6g}) mm, {why}",
                 allowed,
                 "Are these contacts of another geometry, or in another unit? Take out a place that "
                 "failed.",
             )
-    _check_neighbours(path, contacts, off_mm)
+    _check_neighbours(files, contacts, off_mm)
 
 
-def _check_neighbours(path: Path, contacts: Sequence[Contact], off_mm: FloatArray) -> None:
+def _check_neighbours(files: str, contacts: Sequence[Contact], off_mm: FloatArray) -> None:
     """Raises RecordError for a contact that is on no smooth plate with those beside it."""
     if not contacts:
         return
     across_mm = np.array([contact.place_mm[:2] for contact in contacts])
     farthest_mm = np.maximum(off_mm - off_mm.min(), off_mm.max() - off_mm)
     for number in np.flatnonzero(farthest_mm > STEEPEST * BESIDE_MM).tolist():  # others cannot be
-        contact = contacts[number]
         apart_mm = np.hypot(*(across_mm - across_mm[number]).T)
         step_mm = np.abs(off_mm - off_mm[number])
         steep = step_mm / np.maximum(apart_mm, BESIDE_MM)
         worst = int(steep.argmax())
         if steep[worst] > STEEPEST:
+            odd, beside = sorted(
+                (number, worst), key=lambda k: -abs(off_mm[k] - float(np.median(off_mm)))
+            )
             raise RecordError(
-                f"{WHAT} {path}",
-                f"{contact.text[:SHOWN]}: {step_mm[worst]:.3g} mm off a contact that is "
-                f"{apart_mm[worst]:.3g} mm beside it, {contacts[worst].text[:SHOWN]}",
+                f"{WHAT} {files}",
+                f"{contacts[odd].text[:SHOWN]}: {step_mm[worst]:.3g} mm off a contact that is "
+                f"{apart_mm[worst]:.3g} mm beside it, {contacts[beside].text[:SHOWN]}",
                 "contacts with one plate, with the values that the configuration has now",
-                "Were values changed between these contacts? Probe again, or take out what was "
-                "measured before.",
+                "Were values changed between these contacts? Probe again, or take out the line of "
+                "a contact that is wrong.",
             )
 
 

@@ -99,7 +99,8 @@ class Config:
                 "lines that begin with #*#, as Klipper wrote them",
                 "Klipper does not read this block either: remove the line.",
             )
-        block = "\n".join(line.removeprefix(SAVED).removeprefix(" ") for line in lines)
+        block = "\n" * plain.count("\n")  # so that messages name the line of the file
+        block += "\n".join(line.removeprefix(SAVED).removeprefix(" ") for line in lines)
         below = _parser()
         config._parse(path, re.sub(r"^DO NOT EDIT.*$", "", block, flags=re.MULTILINE), below)
         for section in below.sections():  # what stands above, or is included there, wins
@@ -113,14 +114,14 @@ class Config:
     def _add(self, path: Path, text: str, inside: list[Path]) -> None:
         """A text and, in their places, the files that it includes."""
         buffered: list[str] = []
-        for whole_line in text.splitlines():
+        for number, whole_line in enumerate(text.splitlines(), start=1):
             line = whole_line.partition("#")[0]  # here Klipper ends a line, spaces before or not
             include = re.match(r"\[include\s+([^\]]+)\]", line)
             if include is None:
                 buffered.append(line)
                 continue
             self._parse(path, "\n".join(buffered))
-            buffered = []
+            buffered = [""] * number  # so that messages name the line of the file
             self._include(path, include[1].strip(), inside)
         self._parse(path, "\n".join(buffered))
 

@@ -30,6 +30,7 @@ from tests.protocols.printers.printers import (
     PERFECT,
     PRINTER,
     PROBE,
+    SAVED_HEAD,
     STEP_MM,
     TRIGGER_MM,
     arms_saved,
@@ -292,6 +293,17 @@ def test_includes_are_read_where_they_stand(tmp_path: Path) -> None:
     printer = read(tmp_path, text)
     assert len(printer.contacts) == 19
     assert printer.odd == ("[include lost.cfg] of printer.cfg: there is no such file",)
+
+
+def test_a_fault_behind_an_include_or_in_the_saved_block_is_named_by_its_line(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "towers.cfg").write_text(steppers(), encoding="utf-8")
+    begun = PRINTER + "[include towers.cfg]\n"
+    for text in (begun + "nonsense\n", begun + SAVED_HEAD + "#*# [delta_calibrate]\n#*# odd\n"):
+        last = len(text.splitlines())
+        with pytest.raises(RecordError, match=f"near line {last}: no section or key"):
+            read(tmp_path, text)
 
 
 def test_files_that_include_twice_as_many_each_end(tmp_path: Path) -> None:

@@ -227,7 +227,7 @@ def _sum_of(row: FloatArray, names: Sequence[str]) -> str:
     return " ".join(parts).removeprefix("+ ")
 
 
-def refuse_unseen(result: Identifiability, subject: str) -> None:
+def refuse_unseen(result: Identifiability, subject: str, next_step: str = "") -> None:
     """Raise NotIdentifiable where some combination of the parameters is not seen."""
     if result.unseen:
         blind = "; ".join(direction.combination for direction in result.unseen)
@@ -235,7 +235,8 @@ def refuse_unseen(result: Identifiability, subject: str) -> None:
             f"the set '{subject}' cannot be identified from these readings",
             f"{len(result.unseen)} of {len(result.names)} combinations not identifiable: {blind}",
             "every combination known better than its tolerance",
-            "Choose another set with --subset, or a procedure that shows it: glidecal "
+            next_step
+            or "Choose another set with --subset, or a procedure that shows it: glidecal "
             "identifiability.",
         )
 

@@ -15,6 +15,9 @@ from calib.errors import NotIdentifiable
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import derivatives
 
+MORE_PLACES = "Probe the middle and two rings of six places: glidecal plan --macro writes them."
+"""What to do with contacts that do not tell."""
+
 PAIRS = ((0, 1), (1, 2), (0, 2))
 """Row blocks of papers/000 (11): pairs (x,y), (y,z), (x,z)."""
 
@@ -92,7 +95,9 @@ def differences(geometry: Geometry, observed: Observations) -> Differences:
             "differences between postures",
             f"each mounting in a single posture, readings: {len(observed)}",
             "at least two postures for one mounting; over a plane two stations at Zero, too",
-            "Measure Max and Min besides Zero without moving the stand.",
+            MORE_PLACES
+            if observed.contact.any()
+            else "Measure Max and Min besides Zero without moving the stand.",
         )
     keys = sorted(terms, key=lambda key: _order_of_11(geometry, key))
     combine = _matrix([terms[key] for key in keys], len(observed))

@@ -673,3 +673,17 @@ def test_a_tower_keeps_the_motor_that_moves_it(tmp_path: Path, order: str) -> No
     ]
     # towers are fitted as they stand about the third one, which is another one here
     assert np.array(numbers[1]) == pytest.approx(np.array(numbers[0]), abs=0.12)
+
+
+@pytest.mark.parametrize("places", [[(0, 0)] * 3, [(0, 0), (50, 0), (0, 50)]])
+def test_too_few_places_are_answered_in_words_of_contacts(
+    tmp_path: Path, places: list[tuple[int, int]]
+) -> None:
+    log = "".join(f"probe: at {x}.0,{y}.0 bed will contact at z=0.1\n" for x, y in places)
+    cfg, file, session = (tmp_path / name for name in ("printer.cfg", "0.log", "s.jsonl"))
+    cfg.write_text(PRINTER + steppers(), encoding="utf-8")
+    file.write_text(log, encoding="utf-8")
+    assert glidecal("import", cfg, file, "-o", session).status == 0
+    assert "the middle and two rings of six places" in " ".join(
+        refused(5, "solve", session).split()
+    )

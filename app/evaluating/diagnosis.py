@@ -150,8 +150,12 @@ class SessionDiagnosis(Tabled):
 
     @cached_property
     def separation(self) -> Separation | None:
-        """The measurement that separates the names that stay open; None where none does."""
-        if self.diagnosis.verdict in ("agrees", "explained"):
+        """The measurement that separates the names that stay open; None where none does.
+
+        Nor for contacts: a printer's owner has no stand for indicators.
+        """
+        of_contacts = all(session.of_contacts for session in self.sessions)
+        if of_contacts or self.diagnosis.verdict in ("agrees", "explained"):
             return None
         return self._planner(tuple(candidates(self.corrections.posterior))).separation
 

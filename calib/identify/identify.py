@@ -61,7 +61,7 @@ from calib.noise.reading import (
 )
 from calib.noise.repeats import Repeats
 from calib.stats import coverage_factors
-from calib.tripod.differences import MORE_PLACES, Differences, differences
+from calib.tripod.differences import MORE_PLACES, Differences, differences, few_contacts
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model, derivatives
@@ -212,7 +212,7 @@ def _efficient_fit(
             _seen(case, weight, design_of(begin, visited, free, sizes), free, noise, within_mm)
     if within_mm is not None:
         return prior_fit(model, visited, weight, within_mm, sizes, begin)
-    more = MORE_PLACES if visited.contact.any() else ""
+    more = MORE_PLACES if few_contacts(visited) else ""
     linear = weighted_fit(model, visited, free, weight)
     refuse_unseen(_seen(case, weight, linear.design, free, noise), subset, more)
     if method == "linear":

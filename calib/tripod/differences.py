@@ -16,7 +16,16 @@ from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import derivatives
 
 MORE_PLACES = "Probe the middle and two rings of six places: glidecal plan --macro writes them."
-"""What to do with contacts that do not tell."""
+"""What to do with contacts at few places."""
+
+FEWEST_PLACES = 7
+"""Of contacts, for what firmware fits: three switches, a radius, two angles, and the plate."""
+
+
+def few_contacts(observed: Observations) -> bool:
+    """Whether these are contacts, at so few places that more of them show more."""
+    return bool(observed.contact.any()) and len(np.unique(observed.posture)) < FEWEST_PLACES
+
 
 PAIRS = ((0, 1), (1, 2), (0, 2))
 """Row blocks of papers/000 (11): pairs (x,y), (y,z), (x,z)."""
@@ -96,7 +105,7 @@ def differences(geometry: Geometry, observed: Observations) -> Differences:
             f"each mounting in a single posture, readings: {len(observed)}",
             "at least two postures for one mounting; over a plane two stations at Zero, too",
             MORE_PLACES
-            if observed.contact.any()
+            if few_contacts(observed)
             else "Measure Max and Min besides Zero without moving the stand.",
         )
     keys = sorted(terms, key=lambda key: _order_of_11(geometry, key))

@@ -13,6 +13,10 @@ from app.evaluating.comparison import compare_files, partner_of
 from app.report.schema.solution import ComparisonReport
 from calib.errors import CalibrationError, RecordError
 from tests.app.cli import glidecal, refused
+from tests.app.exports import upright_towers as true
+from tests.conftest import LONG
+from tests.protocols.printers.answers import CONFIG_G, g32
+from tests.protocols.printers.printers import PERFECT
 
 # papers/000, twelve differences of experiments 2 and 3 in mm, in the order of the tables
 PUBLISHED = {
@@ -111,3 +115,25 @@ def test_partner_is_looked_for_beside_the_session(tmp_path: Path) -> None:
     assert partner_of(tmp_path / "after.jsonl", "before.jsonl") == before
     assert partner_of(tmp_path / "after.jsonl", "elsewhere/before.jsonl") == before
     assert partner_of(tmp_path / "after.jsonl", None) is None
+
+
+@LONG
+def test_files_of_other_names_are_of_the_same_printer(tmp_path: Path) -> None:
+    """Before and after its values were entered; another printer is refused."""
+    sessions = []
+    larger = CONFIG_G.replace(f"R{true.RADIUS}", f"R{true.RADIUS + 40.0}")
+    for name, config in (("before", CONFIG_G), ("after", CONFIG_G), ("other", larger)):
+        macro, answer = g32(PERFECT if name == "before" else true.OFF_IN_ALL, 3)
+        folder = tmp_path / name
+        folder.mkdir()
+        text = config.replace("Z0 ;", "Z0.1 ;") if name == "after" else config
+        for file, content in ((name, text), ("m", macro), ("a", answer)):
+            (folder / f"{file}.g").write_text(content, encoding="utf-8")
+        files = [folder / f"{file}.g" for file in (name, "m", "a")]
+        sessions.append(tmp_path / f"{name}.jsonl")
+        run = glidecal("import", *files, "-o", sessions[-1])
+        assert run.status == 0, run.err
+    before, after, other = sessions
+    run = glidecal("compare", before, after)
+    assert run.status == 0, run.err
+    assert "machines of different geometry" in glidecal("compare", before, other).err

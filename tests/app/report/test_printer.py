@@ -196,3 +196,13 @@ def test_a_stretched_belt_is_named_with_what_to_turn(tmp_path: Path) -> None:
     certified = next(results_of(calibration_of([tmp_path / "s.jsonl"]))).quantities
     (entry,) = (quantity for quantity in certified if quantity.name == "tower b: steps per mm")
     assert entry.value == pytest.approx(float(steps), abs=5.1e-5), "no certificate drops a part"
+
+
+def test_repeats_that_agree_to_the_last_digit_are_repeats(tmp_path: Path) -> None:
+    """Of Marlin's hundredths: it was said, too, that no place was probed twice."""
+    log, session = tmp_path / "m.log", tmp_path / "s.jsonl"
+    log.write_text(m503(true.OFF_IN_ALL, 3), encoding="utf-8")
+    assert glidecal("import", log, "-o", session).status == 0
+    text = glidecal("solve", session).out
+    assert "all repeats agree to the last digit" in " ".join(text.split())
+    assert "No place was probed twice" not in text

@@ -393,38 +393,6 @@ def test_with_a_machine_file_a_log_alone_is_of_its_probe(tmp_path: Path) -> None
     assert "no M851 shows here" in stranger.odd[0]
 
 
-def test_repeats_that_agree_to_the_last_digit_are_repeats(tmp_path: Path) -> None:
-    """Of Marlin's hundredths: it was said, too, that no place was probed twice."""
-    log, session = tmp_path / "m.log", tmp_path / "s.jsonl"
-    log.write_text(m503(true.OFF_IN_ALL, 3), encoding="utf-8")
-    assert glidecal("import", log, "-o", session).status == 0
-    text = glidecal("solve", session).out
-    assert "all repeats agree to the last digit" in " ".join(text.split())
-    assert "No place was probed twice" not in text
-
-
-@LONG
-def test_files_of_other_names_are_of_the_same_printer(tmp_path: Path) -> None:
-    """Before and after its values were entered; another printer is refused."""
-    sessions = []
-    larger = CONFIG_G.replace(f"R{true.RADIUS}", f"R{true.RADIUS + 40.0}")
-    for name, config in (("before", CONFIG_G), ("after", CONFIG_G), ("other", larger)):
-        macro, answer = g32(PERFECT if name == "before" else true.OFF_IN_ALL, 3)
-        folder = tmp_path / name
-        folder.mkdir()
-        text = config.replace("Z0 ;", "Z0.1 ;") if name == "after" else config
-        for file, content in ((name, text), ("m", macro), ("a", answer)):
-            (folder / f"{file}.g").write_text(content, encoding="utf-8")
-        files = [folder / f"{file}.g" for file in (name, "m", "a")]
-        sessions.append(tmp_path / f"{name}.jsonl")
-        run = glidecal("import", *files, "-o", sessions[-1])
-        assert run.status == 0, run.err
-    before, after, other = sessions
-    run = glidecal("compare", before, after)
-    assert run.status == 0, run.err
-    assert "machines of different geometry" in glidecal("compare", before, other).err
-
-
 def test_files_are_read_in_the_firmwares_order(tmp_path: Path) -> None:
     """As a shell sorts them: bed.g, config-override.g, config.g."""
     macro, log = g32(PERFECT)

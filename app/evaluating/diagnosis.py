@@ -150,14 +150,10 @@ class SessionDiagnosis(Tabled):
 
     @cached_property
     def separation(self) -> Separation | None:
-        """The measurement that separates the names that stay open; None where none does.
-
-        Nor for contacts: a printer's owner has no stand for indicators.
-        """
-        of_contacts = all(session.of_contacts for session in self.sessions)
-        if of_contacts or self.diagnosis.verdict in ("agrees", "explained"):
+        """The measurement that separates the names that stay open; None where none does."""
+        if self.diagnosis.verdict in ("agrees", "explained"):
             return None
-        return self._planner(tuple(candidates(self.corrections.posterior))).separation
+        return self._planner(self._set_ups()).separation
 
     def work_out(self) -> SessionDiagnosis:
         """The same with tool and next measurement worked out: later they take no time."""
@@ -170,8 +166,14 @@ class SessionDiagnosis(Tabled):
         if opened.machine.motion is not None and opened.procedure is not None:
             step_s = seconds_per_step(opened.machine, opened.procedure)
             pace = Pace(seconds_per_step=step_s)
-        ways = tuple(way for way in candidates(self.corrections.posterior, pace) if way.is_way)
+        ways = tuple(way for way in self._set_ups(pace) if way.is_way)
         return self._planner(ways).reach if ways else None
+
+    def _set_ups(self, pace: Pace = USUAL_PACE) -> tuple[FurtherMeasurement, ...]:
+        """Of indicators on legs; none for contacts: a printer's owner has no stand for them."""
+        if all(session.of_contacts for session in self.sessions):
+            return ()
+        return tuple(candidates(self.corrections.posterior, pace))
 
     def _planner(self, measurements: tuple[FurtherMeasurement, ...]) -> Planner:
         weighted = self.corrections.posterior

@@ -80,12 +80,16 @@ class CertifiedCalibration:
     def counted(self) -> dict[str, int]:
         """How many readings of each session count, by its digest."""
         later = (self.verified.compared.after,) if self.verified else ()
-        counts = {session.digest: len(session.readings) for session in self.sessions}
-        for solution in (self.solved, *later):
-            for alone in solution.isolated:
-                session = next(s for s in solution.sessions if s.name == alone.session)
-                counts[session.digest] -= len(alone.readings)
-        return counts
+        lost = {
+            id(reading)  # sessions of one name may stand in two folders
+            for solution in (self.solved, *later)
+            for alone in solution.isolated
+            for reading in alone.readings
+        }
+        return {
+            session.digest: sum(id(reading) not in lost for reading in session.readings)
+            for session in self.sessions
+        }
 
     @property
     def instruments(self) -> tuple[InstrumentIdentity, ...]:

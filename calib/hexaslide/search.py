@@ -89,6 +89,11 @@ class Search:
     source: str = "random"
 
 
+def space_of(search: Search, procedure: Procedure) -> SearchSpace:
+    """Where a search moves that may not say so."""
+    return search.space or ("link" if procedure.has_rigid_link else "box")
+
+
 @dataclass(frozen=True, eq=False)
 class BestPostures:
     """The best of several searches; with ``values`` empty, postures that were only judged.
@@ -126,9 +131,7 @@ class BestPostures:
     @property
     def space(self) -> SearchSpace:
         """Where the search moved."""
-        if not self.values:
-            return "box"
-        return self.search.space or _usual_space(self.procedure)
+        return space_of(self.search, self.procedure)
 
     @property
     def start_condition_number(self) -> float:
@@ -401,10 +404,6 @@ def judged_postures(
     return _described(space, search, postures, postures, as_is)
 
 
-def _usual_space(procedure: Procedure) -> SearchSpace:
-    return "link" if procedure.has_rigid_link else "box"
-
-
 def _space(procedure: Procedure, machine: HexaSlide, count: int, search: Search) -> Space:
     """Raises NotIdentifiable for too few postures, CalibrationError for rails without ends."""
     fewest = fewest_postures(procedure, machine)
@@ -437,7 +436,7 @@ def _space(procedure: Procedure, machine: HexaSlide, count: int, search: Search)
             "search on the constraint link", procedure.kind.value, "constraint-link"
         )
     maker = rows_seen(procedure, machine, scaled=search.scaled)
-    return SPACES[search.space or _usual_space(procedure)](maker, machine, few=few)
+    return SPACES[space_of(search, procedure)](maker, machine, few=few)
 
 
 def _taken_back(

@@ -49,7 +49,7 @@ def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
             contacts.append(Contact((x - x_beside, y - y_beside, 0.0 - down), match[0], 0.0, 0.001))
         elif "Z-probe:" in text:
             odd.append(f"{where}: {text!r}: no place of a probe")
-    if any(stored.get(place) for place in BESIDE):
+    if any(stored.get(place) for place in BESIDE) and not any(beside_mm):
         odd.append("the probe's offset in X and Y: places are taken as the tool's")
     return Held(_printer(texts, stored, first), tuple(contacts), tuple(odd), beside_mm=beside_mm)
 

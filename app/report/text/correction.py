@@ -130,7 +130,7 @@ def left_out_lines(left_out: Iterable[LeftOut]) -> Iterator[str]:
 
 def gain_line(solved: SessionSolution, correction: SessionCorrection) -> str:
     """What other exports of the same controller would gain, as one line."""
-    words = {**FORMATS_WORDS, correction.holds: "the same with the controller's INI file (--ini)"}
+    words = {**FORMATS_WORDS, correction.holds: "this export with the parts that it leaves out"}
     gains = [
         f"{words[gain.holds]} at most {uncertain(gain.bound_mm)} mm"
         for gain in solved.corrections.others(correction)

@@ -262,6 +262,17 @@ def test_sessions_of_one_machine_are_corrected_together(samples: Path) -> None:
 
 
 @LONG
+def test_an_export_without_its_parts_is_not_recommended_beside_itself(tmp_path: Path) -> None:
+    """Without an INI file nobody knows how the joints home: play is left out."""
+    path = simulated(tmp_path, MACHINES["play"], OFFSETS)
+    run = glidecal("export", path, "--format", "linuxcnc-kins", "-o", tmp_path / "k")
+    others = " ".join(run.err.split()).partition("Other exports for this controller")[2]
+    assert run.status == 0
+    assert "this export with the parts that it leaves out at most" in others
+    assert "(linuxcnc-kins)" not in others
+
+
+@LONG
 def test_a_likely_mistake_in_the_readings_is_named_with_the_values(tmp_path: Path) -> None:
     """A sign reversed on one mounting, by the machine and the mistakes of the blind bench."""
     ((_, hidden),) = sessions(1, 6, ["gross mistakes beside"])

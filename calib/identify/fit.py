@@ -151,7 +151,10 @@ def exact_fit(
     else:
         optimum = PlainFit.of(model, observed, free, weight).solve(observed.value_mm[:, None])
         if not optimum.converged[0]:
-            raise _no_optimum("no optimum within reach")
+            raise _no_optimum(
+                "no optimum within reach",
+                "Look for a wrong reading or unit: the diagnosis may name it.",
+            )
         fitted = _moved_to(model, free, (), optimum.values[:, 0])
     with within_reach():
         predicted, design = _predicted(fitted, observed, free, sizes)
@@ -290,12 +293,14 @@ def within_reach() -> Iterator[None]:
         raise _no_optimum(str(problem)) from problem
 
 
-def _no_optimum(reason: str) -> NotIdentifiable:
+def _no_optimum(
+    reason: str, next_step: str = "Look for a wrong reading or unit."
+) -> NotIdentifiable:
     return NotIdentifiable(
         "exact identification",
         reason,
         "readings that some machine near the nominal one could give",
-        "Look for a wrong reading or unit.",
+        next_step,
     )
 
 

@@ -18,7 +18,12 @@ from calib.arrays import (
     rows_of,
 )
 
-INCH_MM = 25.4
+UNITS = {
+    "inch recorded as mm": 25.4,
+    "mm recorded as inch": 1.0 / 25.4,
+    "µm recorded as mm": 0.001,
+}
+"""What to multiply a recorded value by, mm a unit."""
 
 MANY = 16
 """Of cycles of more visits only neighbours are tried as exchanged, of more postures none."""
@@ -66,8 +71,8 @@ def exchanges(visited: Observations) -> Iterator[LabelExchange]:
     yield from _tables(visited)
     for where, rows in _groups(visited):
         yield LabelExchange("gauge_sign", where, "sign reversed", rows, rows, -1.0)
-        yield LabelExchange("unit_mixup", where, "inch recorded as mm", rows, rows, INCH_MM)
-        yield LabelExchange("unit_mixup", where, "mm recorded as inch", rows, rows, 1.0 / INCH_MM)
+        for title, factor in UNITS.items():
+            yield LabelExchange("unit_mixup", where, title, rows, rows, factor)
     yield from _postures(visited)
 
 
@@ -77,11 +82,13 @@ def place_of(visited: Observations, row: int) -> str:
 
 
 def _groups(visited: Observations) -> list[tuple[str, IntArray]]:
-    """Rows that one indicator may have taken: a mounting, a place, one of the indicators."""
+    """Rows that one indicator or one table may have: a mounting, a place, a leg, an indicator."""
     indicators = enumerate(rows_of(visited.indicator), start=1)
     groups = [(f"indicator {number}", rows) for number, rows in indicators]
     places = [*rows_of(numbered(visited.leg, visited.axis)), *visited.mountings]
     groups += [(place_of(visited, int(rows[0])), rows) for rows in places]
+    legs = rows_of(numbered(visited.leg))
+    groups += [(TOUCHED_LETTERS[visited.leg[rows[0]]], rows) for rows in legs]
     by_rows = {tuple(rows.tolist()): (where, rows) for where, rows in groups}
     # all signs reversed are all parameters reversed: no leg reading tells them apart
     return [group for key, group in by_rows.items() if len(key) < len(visited)]

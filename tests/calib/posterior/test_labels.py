@@ -60,13 +60,14 @@ def test_a_reversed_indicator() -> None:
     assert named(changed(session, rows, -session.observed.value_mm[rows])) == [("gauge_sign", "yz")]
 
 
-@LONG
-@pytest.mark.parametrize("factor", [25.4, 1 / 25.4])
-def test_another_unit(factor: float) -> None:
+@pytest.mark.parametrize("factor", first_quick([1000.0, 1.0 / 25.4, 25.4]))
+@pytest.mark.parametrize("place", first_quick(["z", "zx"]))
+def test_another_unit_of_an_indicator_or_a_leg(factor: float, place: str) -> None:
     session = case(SHORT, seed=2)
-    rows = rows_of(SHORT, "zx")
+    tables = ["zx", "zy"] if place == "z" else [place]
+    rows = np.concatenate([rows_of(SHORT, table) for table in tables])
     assert named(changed(session, rows, factor * session.observed.value_mm[rows])) == [
-        ("unit_mixup", "zx")
+        ("unit_mixup", place)
     ]
 
 

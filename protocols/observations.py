@@ -61,32 +61,39 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
     if not readings:
         raise NotIdentifiable("readings", "none", "a session with readings in two postures")
     machine = sessions[0].opened.machine
-
-    def values(name: str) -> map[Any]:  # there may be 50,000 readings
-        return map(attrgetter(name), readings)
-
+    values = zip(*map(attrgetter(*COLUMNS), readings), strict=True)  # there may be 50,000 readings
+    columns = dict(zip(COLUMNS, values, strict=True))
+    over_plane, contact = (
+        np.flatnonzero(np.array(columns[key], dtype=bool)) for key in ("over_plane", "contact")
+    )
     observations = Observations(
-        leg=np.array([NUMBERS[name] for name in values("leg")], dtype=np.intp),
-        axis=np.array([NUMBERS[name] for name in values("axis")], dtype=np.intp),
-        displacement_mm=np.array([*values("displacement_mm")]),
-        station=np.array([*values("station")]),
+        leg=np.array([NUMBERS[name] for name in columns["leg"]], dtype=np.intp),
+        axis=np.array([NUMBERS[name] for name in columns["axis"]], dtype=np.intp),
+        displacement_mm=np.array(columns["displacement_mm"]),
+        station=np.array(columns["station"]),
         approach=np.array(approach),
-        cycle=np.array([*values("cycle")], dtype=np.intp),
+        cycle=np.array(columns["cycle"], dtype=np.intp),
         time_s=np.array(times_s),
-        temperature_c=np.array([*values("temperature_c")], dtype=np.float64),  # None is NaN
+        temperature_c=np.array(columns["temperature_c"], dtype=np.float64),  # None is NaN
         mount=_numbered(mounts),
         indicator=_numbered(indicators),
-        position_mm=_places_mm([*values("position_mm")]),
+        position_mm=_places_mm(columns["position_mm"]),
         movement=np.concatenate(movement),
-        along_mm=np.array([along_mm(r, machine) if r.over_plane else np.nan for r in readings]),
-        contact=np.array([*values("contact")], dtype=bool),
-        beside_mm=_places_mm([_beside_mm(r, machine) if r.contact else None for r in readings]),
-        value_mm=np.array([*values("value_mm")]),
-        averaged=np.array([*values("averaged")], dtype=np.float64),
+        along_mm=_along_mm(readings, over_plane, machine),
+        contact=np.array(columns["contact"], dtype=bool),
+        beside_mm=_beside_mm(readings, contact, machine),
+        value_mm=np.array(columns["value_mm"]),
+        averaged=np.array(columns["averaged"], dtype=np.float64),
     )
     observations = _as_commanded(observations, readings, machine.geometry())
     return _repeated(observations)
 
+
+COLUMNS = (
+    *("leg", "axis", "displacement_mm", "station", "cycle", "temperature_c", "position_mm"),
+    *("over_plane", "contact", "value_mm", "averaged"),
+)
+"""Of readings, as they become arrays."""
 
 NUMBERS = {name: leg_number(name) for name in TOUCHED_NAMES}
 
@@ -99,10 +106,20 @@ def _places_mm(places_mm: Sequence[Triple | None]) -> FloatArray:
     return array
 
 
-def _beside_mm(reading: Reading, machine: Machine) -> Triple:
-    """Where what met the plate is, from the tool: a probe, unless it was done by hand."""
-    by_probe = reading.contact and reading.mount != BY_HAND
-    return machine.beside_mm if by_probe else ZERO
+def _beside_mm(readings: Sequence[Reading], rows: IntArray, machine: Machine) -> FloatArray:
+    """Where ``(n, 3)`` what met the plate is, from the tool: a probe, unless it was by hand."""
+    beside_mm = np.zeros((len(readings), 3))
+    for row in rows.tolist():
+        beside_mm[row] = ZERO if readings[row].mount == BY_HAND else machine.beside_mm
+    return beside_mm
+
+
+def _along_mm(readings: Sequence[Reading], rows: IntArray, machine: Machine) -> FloatArray:
+    """`along_mm` of these rows ``(n,)``; of others NaN."""
+    places_mm = np.full(len(readings), np.nan)
+    for row in rows.tolist():
+        places_mm[row] = along_mm(readings[row], machine)
+    return places_mm
 
 
 def _numbered(names: Sequence[str]) -> IntArray:

@@ -268,7 +268,7 @@ class _Report:
                 at = self.posterior.starts(model)[model.members.index(number)]
                 places = slice(at, at + len(candidate.parameters))
                 means.append(model.mean[places])
-                squares.append(model.mean[places] ** 2 + model.variance[places])
+                squares.append(model.mean[places] ** 2 + model.variance_at(places))
             mean = share @ np.array(means)
             deviation = np.sqrt(np.maximum(share @ np.array(squares) - mean**2, 0.0))
             columns = zip(candidate.parameters, mean.tolist(), deviation.tolist(), strict=True)

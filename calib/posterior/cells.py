@@ -23,6 +23,7 @@ from calib.arrays import (
     basis_of,
     incidence,
     lengths,
+    numbered,
     tilts,
     without,
     without_means,
@@ -213,8 +214,8 @@ class SessionCase:
     def shows(self) -> bool:
         """Whether the session shows anything of a machine; readings of one posture do not."""
         observed = self.observed
-        places = np.unique(np.column_stack([observed.mount, observed.posture]), axis=0)
-        return len(places) > observed.mount_count or len(self.distances) > 0
+        place_count = int(numbered(observed.mount, observed.posture).max(initial=-1)) + 1
+        return place_count > observed.mount_count or len(self.distances) > 0
 
     @cached_property
     def visit(self) -> IntArray:

@@ -45,12 +45,12 @@ class Weighted:
     mistakes: tuple[Mistake, ...] = ()
     as_stated: Statement = NOTHING
 
-    @property
-    def variance(self) -> FloatArray:
-        """Of each value ``(b + r,)``."""
-        variance = (self.sizes**2).sum(axis=1)
-        variance[: len(self.base)] += (self.base**2).sum(axis=1)
-        return np.asarray(self.inflated**2 * variance)
+    def variance_at(self, places: slice) -> FloatArray:
+        """Of the values at these places, ``(m,)``."""
+        squares = (self.sizes[places] ** 2).sum(axis=1)
+        of_base = (self.base[places] ** 2).sum(axis=1)
+        squares[: len(of_base)] += of_base
+        return np.asarray(self.inflated**2 * squares)
 
     def variance_of(self, rows: FloatArray) -> FloatArray:
         """Of combinations ``(m, b + r)`` of the values ``(m,)``."""
@@ -178,7 +178,7 @@ class Posterior:
             squares = self.components[k].squares
             if squares is not None:
                 places = slice(at, at + len(squares))
-                square += float(squares @ (model.mean[places] ** 2 + model.variance[places]))
+                square += float(squares @ (model.mean[places] ** 2 + model.variance_at(places)))
         return square
 
     @cached_property

@@ -69,7 +69,7 @@ class Dense:
         cells = conditions.take(first)
         at = model.mean.copy()
         self.expected = machine_of(result, model, at).readings(cells)
-        deviation = np.sqrt(model.variance)
+        deviation = np.sqrt(model.variance_at(slice(None)))
         moved = []
         for k, size in enumerate(deviation.tolist()):
             step = np.zeros(len(at))

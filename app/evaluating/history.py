@@ -39,7 +39,7 @@ from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
 from protocols.session import Session
 
-RESULTS = 8
+RESULTS = 9
 """Number of the solver's results: it is raised when sessions give other ones, or an `Entry` says
 more. What the index remembers under another number is worked out again.
 """
@@ -327,7 +327,7 @@ def index_path() -> Path:
 
 def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
     """What a record says. Raises RecordError for one that is altered."""
-    from app.evaluating.solution import correct_session, decided_in  # heavy: not for what is known
+    from app.evaluating.solution import decided_in, solve_sessions  # heavy: not for what is known
 
     record = check_record(path, content)
     session, opened = record.session, record.opened
@@ -342,7 +342,7 @@ def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
         verifies=opened.verifies,
     )
     try:
-        entered = correct_session(session)
+        entered = solve_sessions([session], shown=False).correction
         names = _named(session) if effects else None
     except GlidecalError as problem:
         return entry.model_copy(update={"problem": f"{problem}"})

@@ -17,9 +17,10 @@ from calib.arrays import FloatArray, Observations, descending, joined_values
 from calib.errors import NotIdentifiable, RecordError, UsageError, check_choice
 from calib.identify.accuracy import Decision, decide
 from calib.identify.fit import plane_tilts_mrad
+from calib.identify.identify import IdentificationCase
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
 from calib.identify.solution import Difference, Estimate, Method, Solution, Subset, Weights
-from calib.identify.subset_choice import SubsetChoice, choose_subset, usual_solution
+from calib.identify.subset_choice import SubsetChoice
 from calib.noise.reading import (
     Noise,
     NoisyIndicator,
@@ -70,16 +71,16 @@ class FurthestDistance:
 class SessionSolution(Tabled):
     """What to enter, and one of the papers' sets as a view beside it, with what readings tell.
 
-    ``holds`` is what the controller can hold. ``ambiguous`` are effects of the model that stand for
-    a set of which any would do, ``held`` sizes of the model that a person stated; ``warnings`` are
-    those of the session files.
+    ``view`` is the set that was asked for, None: the usual one. ``holds`` is what the controller
+    can hold. ``ambiguous`` are effects of the model that stand for a set of which any would do,
+    ``held`` sizes of the model that a person stated; ``warnings`` are those of the session files.
     """
 
     sessions: tuple[Session, ...]
     observed: Observations
     choice: SubsetChoice
-    subset: Subset
     corrections: ControllerCorrections
+    view: Subset | None = None
     holds: Holds = "offsets"
     ambiguous: tuple[str, ...] = ()
     held: tuple[str, ...] = ()
@@ -91,9 +92,14 @@ class SessionSolution(Tabled):
         return tuple(session.name for session in self.sessions)
 
     @property
+    def subset(self) -> Subset:
+        """The set that is shown. Raises NotIdentifiable where none is determined."""
+        return self.view or self.choice.usual
+
+    @property
     def solution(self) -> Solution:
-        """That of the set."""
-        return self.choice.solutions[self.subset]
+        """That of the set. Raises NotIdentifiable."""
+        return self.choice.solution(self.subset)
 
     @property
     def frame(self) -> Frame:
@@ -151,7 +157,7 @@ class SessionSolution(Tabled):
         """The same with every correction and its bounds worked out: later they take no time."""
         _, change = self.others, self.printer_change
         off = change.off if change else self.correction.off
-        _ = self.correction.off_now.bound_mm, off.bound_mm
+        _ = self.correction.off_now.bound_mm, off.bound_mm, self.choice.solutions
         return self
 
     @cached_property
@@ -181,11 +187,16 @@ class SessionSolution(Tabled):
     def noise(self) -> Noise:
         """Of a single reading, as the posterior has it; else, what the fit of the set leaves.
 
-        Suspect readings and drift from cycle to cycle are as the set has them.
+        Suspect readings and drift from cycle to cycle are those of all sessions together.
         """
-        of_set = self.solution.noise
+        of_set = self._noise_of_sets
         stated = self.corrections.noise or of_set
         return replace(stated, outliers=of_set.outliers, cycle_drift_mm=of_set.cycle_drift_mm)
+
+    @property
+    def _noise_of_sets(self) -> Noise:
+        """As all sets have it that are identified of these readings."""
+        return self.choice.case.noise or self.solution.noise
 
     @property
     def suspects(self) -> tuple[Suspect, ...]:
@@ -198,7 +209,7 @@ class SessionSolution(Tabled):
     @property
     def noise_of_each(self) -> Noise:
         """In which indicators differ only beyond chance, those of several sessions, too."""
-        return self.noise if len(self.sessions) == 1 else self.solution.noise
+        return self.noise if len(self.sessions) == 1 else self._noise_of_sets
 
     @property
     def noisy(self) -> tuple[NoisyChannel, ...]:
@@ -227,9 +238,7 @@ class SessionSolution(Tabled):
 
         Raises NotIdentifiable, and RecordError as `refuse_leaning_planes`.
         """
-        if subset not in self.choice.solutions:
-            raise self.choice.refused[subset]
-        view = replace(self, subset=subset)
+        view = replace(self, view=subset)
         refuse_leaning_planes(self.sessions, view.solution.model, self.observed)
         return view
 
@@ -431,8 +440,11 @@ def solve_sessions(
     model: ModelFile | None = None,
     frame: Frame | None = None,
     holds: Holds = "offsets",
+    shown: bool = True,
 ) -> SessionSolution:
     """Identify; without a subset joint offsets are the view, or what takes their place.
+
+    Where none is ``shown`` a set is identified when it is first asked for.
 
     The correction is for a ``frame``, that of the machine file where none is named, and for a
     controller that ``holds`` so much. The sizes of a model's effects are fitted with the
@@ -455,37 +467,16 @@ def solve_sessions(
     free: frozenset[tuple[Effect, str]] = frozenset()
     if model is not None:
         start, sizes, free = _of(model, machine, method)
-    choice = choose_subset(
-        start,
-        observed,
-        method,
-        weights=weights,
-        indicator=indicator_figures(sessions),
-        tolerance_mm=machine.tolerances_mm(),
-        sizes=sizes,
-    )
-    view = subset or choice.usual
+    case = IdentificationCase.of(start, observed, indicator_figures(sessions), sizes)
+    choice = SubsetChoice(case, machine.tolerances_mm(), method, weights)
     corrections = ControllerCorrections.of_sessions(sessions, start, frame, free=free)
-    solved = SessionSolution(tuple(sessions), observed, choice, view, corrections, holds)
+    solved = SessionSolution(tuple(sessions), observed, choice, corrections, subset, holds)
     if model is not None:
         from protocols.model_file import ambiguous_effects, held_sizes
 
         solved = replace(solved, ambiguous=ambiguous_effects(model), held=held_sizes(model))
-    return solved.with_subset(view)
-
-
-def correct_session(session: Session) -> SessionCorrection:
-    """What to enter where the controller holds joint offsets, as `solve_sessions` has it.
-
-    One set of the papers is identified, not all. Raises NotIdentifiable and RecordError alike.
-    """
-    observed, machine = to_observations([session]), session.opened.machine
-    start = Model(machine.geometry())
-    figures, tolerance_mm = indicator_figures([session]), machine.tolerances_mm()
-    view = usual_solution(start, observed, indicator=figures, tolerance_mm=tolerance_mm)
-    refuse_leaning_planes([session], view.model, observed)
-    corrections = ControllerCorrections.of_sessions([session], start)
-    return corrections.of("offsets")
+    leans = bool(observed.over_plane.any())
+    return solved.with_subset(solved.subset) if shown or leans else solved
 
 
 def _of(
@@ -539,6 +530,7 @@ def solve_files(
     model: Path | None = None,
     frame: Frame | None = None,
     holds: Holds = "offsets",
+    shown: bool = True,
 ) -> SessionSolution:
     """`load_sessions` and `solve_sessions` in one step, with the warnings."""
     sessions, warnings = load_sessions(paths)
@@ -555,6 +547,7 @@ def solve_files(
         model=model_file,
         frame=frame,
         holds=holds,
+        shown=shown,
     )
     return replace(solved, warnings=tuple(warnings))
 

@@ -285,8 +285,9 @@ def offsets_from_files(
     """
     if len(paths) == 1 and is_model(paths[0]):
         return _offsets_from_model(paths[0])
-    solved = solve_files(paths, subset=subset, method=method, model=model, frame=frame)
-    offsets = offsets_from_solved(solved, view=subset is not None or method != "exact")
+    view = subset is not None or method != "exact"
+    solved = solve_files(paths, subset=subset, method=method, model=model, frame=frame, shown=view)
+    offsets = offsets_from_solved(solved, view=view)
     return replace(offsets, cautions=(*map(one_line, solved.warnings), *offsets.cautions))
 
 

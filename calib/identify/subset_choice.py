@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from calib.arrays import FloatArray, Observations
+from calib.arrays import FloatArray
 from calib.errors import NotIdentifiable
-from calib.identify.fit import Size
 from calib.identify.identify import IdentificationCase, identify
 from calib.identify.solution import SUBSETS, Method, Solution, Subset, Weights
-from calib.noise.reading import IndicatorFigures
-from calib.tripod.pipeline import Model
 
 USUAL: tuple[Subset, ...] = ("joint-offsets", "with-tolerances", "both", "leg-lengths")
 """The set that is shown where none is asked for: the first that the readings determine."""
@@ -18,18 +15,66 @@ USUAL: tuple[Subset, ...] = ("joint-offsets", "with-tolerances", "both", "leg-le
 
 @dataclass(frozen=True, eq=False)
 class SubsetChoice:
-    """The solution of every subset that the data determine.
+    """The solutions of all sets; each is identified when it is first asked for.
 
-    ``refused`` holds the reason for every subset that the data do not determine.
+    Joint offsets and lengths are off by ``tolerance_mm`` ``(6,)``, standard deviations;
+    ``identified`` holds each set that was asked for, or why it is not determined.
     """
 
-    solutions: dict[Subset, Solution]
-    refused: dict[Subset, NotIdentifiable]
+    case: IdentificationCase
+    tolerance_mm: FloatArray
+    method: Method = "exact"
+    weights: Weights = "equal"
+    identified: dict[Subset, Solution | NotIdentifiable] = field(default_factory=dict)
+
+    def solution(self, subset: Subset) -> Solution:
+        """That of a set. Raises NotIdentifiable where the readings do not determine it."""
+        solution = self._solution_or_reason(subset)
+        if isinstance(solution, NotIdentifiable):
+            raise solution
+        return solution
+
+    def _solution_or_reason(self, subset: Subset) -> Solution | NotIdentifiable:
+        if subset not in self.identified:
+            try:
+                solution: Solution | NotIdentifiable = identify(
+                    self.case, subset, self.method, self.weights, tolerance_mm=self.tolerance_mm
+                )
+            except NotIdentifiable as problem:
+                solution = problem.with_traceback(None)  # its frames hold all arrays
+            self.identified[subset] = solution
+        return self.identified[subset]
+
+    @property
+    def solutions(self) -> dict[Subset, Solution]:
+        """Those of all sets that the readings determine."""
+        every = {subset: self._solution_or_reason(subset) for subset in SUBSETS}
+        return {
+            subset: solution
+            for subset, solution in every.items()
+            if not isinstance(solution, NotIdentifiable)
+        }
+
+    @property
+    def refused(self) -> dict[Subset, NotIdentifiable]:
+        """The reason for every set that they do not determine."""
+        every = {subset: self._solution_or_reason(subset) for subset in SUBSETS}
+        return {
+            subset: reason
+            for subset, reason in every.items()
+            if isinstance(reason, NotIdentifiable)
+        }
 
     @property
     def usual(self) -> Subset:
-        """The set that is shown where none is asked for."""
-        return next(subset for subset in USUAL if subset in self.solutions)
+        """The set that is shown where none is asked for.
+
+        Raises NotIdentifiable where not even one is determined.
+        """
+        for subset in USUAL:
+            if isinstance(self._solution_or_reason(subset), Solution):
+                return subset
+        raise self.refused["joint-offsets"]
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -37,48 +82,3 @@ class SubsetChoice:
         return tuple(
             f"{subset} left out: {problem.found}" for subset, problem in self.refused.items()
         )
-
-
-def choose_subset(
-    model: Model,
-    observed: Observations,
-    method: Method = "exact",
-    *,
-    weights: Weights = "equal",
-    indicator: IndicatorFigures | None = None,
-    tolerance_mm: FloatArray,
-    sizes: tuple[Size, ...] = (),
-) -> SubsetChoice:
-    """Identify all subsets.
-
-    ``sizes`` of the model's effects are fitted with each of them. Raises NotIdentifiable where not
-    even one subset is determined.
-    """
-    case = IdentificationCase.of(model, observed, indicator or IndicatorFigures(), sizes)
-    solutions: dict[Subset, Solution] = {}
-    refused: dict[Subset, NotIdentifiable] = {}
-    for subset in SUBSETS:
-        try:
-            solutions[subset] = identify(case, subset, method, weights, tolerance_mm=tolerance_mm)
-        except NotIdentifiable as problem:
-            refused[subset] = problem.with_traceback(None)  # its frames hold all arrays
-    if not solutions:
-        raise refused["joint-offsets"]
-    return SubsetChoice(solutions, refused)
-
-
-def usual_solution(
-    model: Model, observed: Observations, *, indicator: IndicatorFigures, tolerance_mm: FloatArray
-) -> Solution:
-    """The usual set of `choose_subset`, by the exact method; the sets behind it are not identified.
-
-    Raises NotIdentifiable alike.
-    """
-    case = IdentificationCase.of(model, observed, indicator)
-    refused: list[NotIdentifiable] = []
-    for subset in USUAL:
-        try:
-            return identify(case, subset, tolerance_mm=tolerance_mm)
-        except NotIdentifiable as problem:
-            refused.append(problem)
-    raise refused[0]

@@ -33,7 +33,7 @@ from app.screens.result import ResultScreen
 from app.settings import Settings
 from calib.arrays import FloatArray
 from calib.errors import NotIdentifiable
-from calib.identify.solution import Subset
+from calib.identify.solution import Solution, Subset
 from calib.posterior.tool_errors import ToolErrors
 from tests.app.exports.test_one_correction import shown_first
 from tests.conftest import LONG, first_quick
@@ -307,10 +307,10 @@ async def test_a_set_that_is_not_seen_is_refused(
 ) -> None:
     solved, path = published
     unseen = NotIdentifiable("set [both]", "two differences", "six")
-    refused: dict[Subset, NotIdentifiable] = {"both": unseen, "joint-offsets": unseen}
+    refused: dict[Subset, NotIdentifiable | Solution] = {"both": unseen, "joint-offsets": unseen}
     solved = solved.with_subset("with-tolerances")
-    choice = replace(solved.choice, solutions={"with-tolerances": solved.solution}, refused=refused)
-    solved = replace(solved, choice=choice)
+    identified = solved.choice.identified | refused
+    solved = replace(solved, choice=replace(solved.choice, identified=identified))
     interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
     messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:

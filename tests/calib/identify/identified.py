@@ -9,6 +9,7 @@ from calib.identify.fit import Size
 from calib.identify.identify import IdentificationCase
 from calib.identify.identify import identify as identify_told
 from calib.identify.solution import Method, Solution, Subset, Weights
+from calib.identify.subset_choice import SubsetChoice
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM
 from calib.tripod.pipeline import Model
@@ -29,3 +30,14 @@ def identify(
 ) -> Solution:
     case = IdentificationCase.of(model, observed, indicator or IndicatorFigures(), sizes)
     return identify_told(case, subset, method, weights, tolerance_mm=tolerance_mm)
+
+
+def choose_subset(
+    model: Model,
+    observed: Observations,
+    *,
+    indicator: IndicatorFigures | None = None,
+    tolerance_mm: FloatArray,
+) -> SubsetChoice:
+    case = IdentificationCase.of(model, observed, indicator or IndicatorFigures())
+    return SubsetChoice(case, tolerance_mm)

@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 from calib.arrays import FloatArray, Observations, conditions, observe
 from calib.errors import NotIdentifiable
 from calib.identify.solution import Method, Subset
-from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.pipeline import Model
 from tests.builders import observed, postures
-from tests.calib.identify.identified import identify
+from tests.calib.identify.identified import choose_subset, identify
 from tests.conftest import LONG
 
 TOLERANCES_MM = np.array([2.0] * 3 + [0.1] * 3)

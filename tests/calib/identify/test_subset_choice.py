@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from calib.identify.solution import Subset
-from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
@@ -19,7 +18,7 @@ from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold
 from tests.builders import conditions_of, observed, postures
-from tests.calib.identify.identified import identify
+from tests.calib.identify.identified import choose_subset, identify
 from tests.conftest import LONG
 
 TOLERANCES = np.array([2.0] * 3 + [0.1] * 3)

@@ -12,12 +12,11 @@ from calib.arrays import Conditions, FloatArray, observe, tool_conditions, witho
 from calib.errors import CalibrationError, NotIdentifiable
 from calib.identify.monte_carlo import Campaign, simulate_and_identify
 from calib.identify.solution import SUBSETS
-from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import Geometry, Three, inverse
 from calib.tripod.pipeline import Model, derivatives, simulate
 from calib.tripod.workspace import workspace_jacobian
-from tests.calib.identify.identified import identify
+from tests.calib.identify.identified import choose_subset, identify
 from tests.tripods import DELTA, ORTHOGLIDE
 
 X = (1.0, 0.0, 0.0)

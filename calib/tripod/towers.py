@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import ImpossibleRequest, UnreachablePosture
@@ -209,6 +208,8 @@ def entered(model: Model, entries: TowerEntries) -> Entered:
     height there stays as it is, and its place too where towers may stand anywhere. Raises
     ImpossibleRequest as `Towers.of`.
     """
+    from scipy.optimize import least_squares  # 0.1 s to import: only where used
+
     geometry = model.geometry
     now = Towers.of(geometry, one_circle=not entries.radii)
     points, zero = workspace_points(geometry), np.zeros((1, 3))

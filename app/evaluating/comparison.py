@@ -198,7 +198,13 @@ class RemainingOffset:
     ]
     expanded_mm: Annotated[
         float,
-        Quantity("± U of both (95 %)", "mm", "uncertainty", 4, "what both sessions leave open"),
+        Quantity(
+            "± U of both",
+            "mm",
+            "uncertainty",
+            4,
+            "expanded (95 %); 1.7 times as much passes for expected",
+        ),
     ]
     entered: Annotated[Entered, Quantity("", words="what became of the value at the controller")]
     standard_mm: float = field(metadata=INTERNAL)

@@ -47,7 +47,8 @@ DOUBTED = 0.05
 """Weight from which a model has a say on each part."""
 
 EVEN = 0.5
-"""Probability of a larger error from which on a gain that few models expect is no reason."""
+"""Probability of a larger error from which on a gain that few models expect is no reason: it made
+the tool worse in 8 of 216 blind sessions."""
 
 MAP_POINTS = 5
 """Along each side of a map of the tool's error."""

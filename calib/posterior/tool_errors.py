@@ -37,7 +37,8 @@ class InField:
 
 
 KEPT = 0.975
-"""Part of the posterior that keeps a bound of 95 %. The other half of the risk is that of laws that
+"""Part of the posterior that keeps a bound of 95 %: with 0.95 it covered 86 % of shapes outside the
+catalogue. The other half of the risk is that of laws that
 no model has, and of effects that these readings hardly show."""
 
 EXACT = 1e-7

@@ -20,7 +20,6 @@ from calib.posterior import (
     library,
     problem,
     race,
-    screws,
     statements,
     tool_errors,
 )
@@ -114,18 +113,7 @@ def test_the_theory_states_them(words: str) -> None:
         ("`SURE`", f"{thresholds.SURE:g}; {thresholds.OPEN:g} of P(missing); {thresholds.EVEN:g}"),
         ("`UNSEEN`", f"{claims.UNSEEN:g} σ, all readings together"),
         ("`WITHIN`", f"{claims.WITHIN:g} tolerances"),
-        ("`SCATTERS_MM`", f"{cells.SCATTERS_MM[0]:g} … {cells.SCATTERS_MM[-1]:g} mm"),
-        ("`TYPED_IN`", f"{TYPED_IN:g}; 5 mm"),
         ("`AGREEMENT`", f"{gap.AGREEMENT:g}; {stats.UNLIKELY:g}"),
-        (
-            "`ELSE_UNIT_MM`",
-            f"{library.ELSE_UNIT_MM:g} mm; {problem.EVERYWHERE:g} unremarkable sizes",
-        ),
-        (
-            "`APART`",
-            f"{first_takes.APART:g} σ; {first_takes.WITHIN:g}; "
-            f"{first_takes.REACHES:g} standard deviations",
-        ),
         (
             "`LEAST_CHANGED`",
             f"{labels.LEAST_CHANGED:g} σ; {repeats.DISAGREES:g}, "
@@ -133,11 +121,6 @@ def test_the_theory_states_them(words: str) -> None:
             f"first take {apart.LEAST['first_take']:g} σ of a reading",
         ),
         ("`KEPT`", f"{tool_errors.KEPT:g} of the posterior"),
-        ("`EVEN`, `LARGE`", f"{correction.EVEN:g}; {correction.LARGE:g} of the mean square"),
-        (
-            "`DECISIVE`",
-            f"{screws.DECISIVE:g} noise variances; {library.OTHER_LEAD:g}; {library.LEADS_APART}",
-        ),
     ],
 )
 def test_the_table_of_constants_has_them(name: str, values: str) -> None:

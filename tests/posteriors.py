@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import pytest
 
-from calib.diagnosis.hexaslide import weighed
+from calib.hexaslide.diagnosis import weighed
 from calib.posterior.cells import SessionCase
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior

@@ -21,7 +21,6 @@ BESIDE_THE_CORE = (
     "app.report.pages",
     "app.screens.hexaslide",
     "app.serving",
-    "calib.diagnosis.hexaslide",
     "calib.hexaslide",
     MOTION,
     "protocols.hexaslide",

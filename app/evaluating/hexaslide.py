@@ -15,8 +15,8 @@ from app.evaluating.hexaslide_calibration import (
     diagnosis_of,
 )
 from app.evaluating.posture_history import PostureEntry
-from calib.diagnosis.hexaslide import HexaSlideDiagnosis, diagnosis_from
 from calib.errors import CalibrationError, GlidecalError
+from calib.hexaslide.diagnosis import HexaSlideDiagnosis, diagnosis_from
 from protocols.dates import measured_at
 from protocols.hexaslide import HexaSlideMeasurements
 from protocols.hexaslide_session import PostureSession, read_postures

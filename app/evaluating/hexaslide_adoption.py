@@ -11,18 +11,18 @@ from app.evaluating.hexaslide_calibration import (
     effects_of,
     models_without_mistakes,
 )
-from calib.diagnosis.hexaslide import (
+from calib.diagnosis.thresholds import OPEN
+from calib.errors import NotIdentifiable, UsageError
+from calib.hexaslide.causes import MISTAKE, AdoptedEffect
+from calib.hexaslide.correction import correction_of
+from calib.hexaslide.diagnosis import (
     FEWEST_SPARE,
     HexaSlideDiagnosis,
     Names,
     WeighedCauses,
     diagnosis_from,
 )
-from calib.diagnosis.hexaslide_causes import MISTAKE, AdoptedEffect
-from calib.diagnosis.hexaslide_correction import correction_of
-from calib.diagnosis.hexaslide_held_out import LeftOutGap, left_out_gap
-from calib.diagnosis.thresholds import OPEN
-from calib.errors import NotIdentifiable, UsageError
+from calib.hexaslide.held_out import LeftOutGap, left_out_gap
 from calib.hexaslide.platform import PlatformError
 from protocols.effect_entries import (
     EffectEntry,

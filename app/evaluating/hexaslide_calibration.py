@@ -9,23 +9,23 @@ from pathlib import Path
 from app.evaluating.posture_history import Decision
 from app.evaluating.tolerance import check_tolerance
 from calib.arrays import FloatArray
-from calib.diagnosis.hexaslide import (
-    FEWEST_SPARE,
-    HexaSlideDiagnosis,
-    WeighedCauses,
-    diagnosis_from,
-    weighed,
-)
-from calib.diagnosis.hexaslide_causes import AdoptedEffect, causes_of_machine, with_effects
-from calib.diagnosis.hexaslide_correction import HexaSlideCorrection, correction_of
 from calib.errors import CalibrationError, NotIdentifiable, RecordError, UsageError
 from calib.hexaslide.calibration import calibrate
+from calib.hexaslide.causes import AdoptedEffect, causes_of_machine, with_effects
 from calib.hexaslide.checked import (
     Checked,
     Known,
     checked_calibration,
     lengths_alone,
     parameters_alone,
+)
+from calib.hexaslide.correction import HexaSlideCorrection, correction_of
+from calib.hexaslide.diagnosis import (
+    FEWEST_SPARE,
+    HexaSlideDiagnosis,
+    WeighedCauses,
+    diagnosis_from,
+    weighed,
 )
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import fewest_postures

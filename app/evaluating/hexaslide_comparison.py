@@ -11,10 +11,10 @@ from app.evaluating.hexaslide_calibration import (
     sources_of_one_machine,
 )
 from calib.arrays import FloatArray
-from calib.diagnosis.hexaslide import HexaSlideDiagnosis, diagnosis_from
-from calib.diagnosis.hexaslide_comparison import MachinesApart, MeasuredMachine, apart
 from calib.errors import NotIdentifiable
 from calib.hexaslide.calibration import calibrate
+from calib.hexaslide.comparison import MachinesApart, MeasuredMachine, apart
+from calib.hexaslide.diagnosis import HexaSlideDiagnosis, diagnosis_from
 from protocols.hexaslide import HexaSlideMeasurements
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from app.evaluating.hexaslide_calibration import beside_effects, models_without_mistakes
-from calib.diagnosis.hexaslide import WeighedCauses
-from calib.diagnosis.hexaslide_causes import MISTAKE
-from calib.diagnosis.hexaslide_what_if import PostureTrial
+from calib.hexaslide.causes import MISTAKE
+from calib.hexaslide.diagnosis import WeighedCauses
+from calib.hexaslide.what_if import PostureTrial
 from protocols.hexaslide import HexaSlideMeasurements
 
 

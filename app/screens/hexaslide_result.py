@@ -18,8 +18,8 @@ from app.screens.interface import once
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
 from app.screens.what_if import SIZE_KEYS, SizesScreen
-from calib.diagnosis.hexaslide_what_if import CauseAtSize, PostureTrial
 from calib.errors import extra
+from calib.hexaslide.what_if import CauseAtSize, PostureTrial
 from calib.quantity import Sizes
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
-from calib.diagnosis.hexaslide import HexaSlideDiagnosis, diagnosed
+from calib.hexaslide.diagnosis import HexaSlideDiagnosis, diagnosed
 from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.residuals import Readings
 from protocols.hexaslide import HexaSlideMachine, load_hexaslide

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import fsolve
 
-from calib.diagnosis.hexaslide import diagnosed, weighed
-from calib.diagnosis.hexaslide_correction import correction_of
 from calib.hexaslide.calibration import calibrate
 from calib.hexaslide.checked import frames_apart
+from calib.hexaslide.correction import correction_of
+from calib.hexaslide.diagnosis import diagnosed, weighed
 from calib.hexaslide.geometry import HexaSlide, inverse
 from protocols.hexaslide import load_hexaslide
 from tests.blind.hexaslide import LEAD_M, POSTURES, Array, Hidden, Plain, hidden, measured, moved

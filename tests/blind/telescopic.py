@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.hexaslide import Names, diagnosed
+from calib.hexaslide.diagnosis import Names, diagnosed
 from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.residuals import Readings
 from tests.calib.hexaslide.telescopic_draws import (
@@ -27,7 +27,7 @@ from tests.calib.hexaslide.telescopic_draws import (
 
 SETS = (("pose-forward", 24), ("position", 40))
 SCALE, PLAY_M, GROWTH, OF_NOISE = 1e-4, 2e-5, 5e-5, 5.0
-"""Ordinary sizes, as `calib.diagnosis.hexaslide` has them; of a wrong posture in its noise."""
+"""Ordinary sizes, as `calib.hexaslide.diagnosis` has them; of a wrong posture in its noise."""
 
 CAUSES = ("", "", "leg_scale", "leg_backlash", "thermal_growth", "wrong_posture")
 

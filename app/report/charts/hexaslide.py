@@ -16,10 +16,10 @@ from app.report.charts.charts import (
     points_of,
 )
 from calib.arrays import FloatArray
-from calib.diagnosis.hexaslide_what_if import CauseAtSize
 from calib.hexaslide.drawing import lines_at, outline
 from calib.hexaslide.geometry import Box, HexaSlide
 from calib.hexaslide.search import BestPostures
+from calib.hexaslide.what_if import CauseAtSize
 
 FRONT, ABOVE = (0, 2), (0, 1)
 """Coordinates across and upwards."""

@@ -9,7 +9,7 @@ from app.evaluating.hexaslide_comparison import ComparedSession, ComparedSession
 from app.report.schema.document import Report, Source, schema
 from app.report.schema.hexaslide import INNER_NAMES
 from app.report.schema.hexaslide_diagnosis import MissingEntry
-from calib.diagnosis.hexaslide_comparison import MachinesApart
+from calib.hexaslide.comparison import MachinesApart
 
 
 @dataclass(frozen=True)

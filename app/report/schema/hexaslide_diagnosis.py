@@ -8,9 +8,9 @@ from typing import Literal
 from app.evaluating.hexaslide_adoption import Adoption, DiagnosedPostures
 from app.report.schema.document import Report, Source, maybe, schema
 from app.report.schema.hexaslide import PlatformReport
-from calib.diagnosis.hexaslide import CauseSize, HexaSlideClaim, HexaSlideDiagnosis
-from calib.diagnosis.hexaslide_causes import AdoptedEffect
-from calib.diagnosis.hexaslide_held_out import LeftOutGap
+from calib.hexaslide.causes import AdoptedEffect
+from calib.hexaslide.diagnosis import CauseSize, HexaSlideClaim, HexaSlideDiagnosis
+from calib.hexaslide.held_out import LeftOutGap
 
 
 @dataclass(frozen=True)

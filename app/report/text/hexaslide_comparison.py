@@ -8,7 +8,7 @@ from app.evaluating.hexaslide_comparison import ComparedSession, ComparedSession
 from app.report.schema.hexaslide_comparison import LengthOfBoth, lengths_of
 from app.report.text.hexaslide_diagnosis import verdict_words
 from app.report.text.tables import new_table, paragraphs, signed
-from calib.diagnosis.hexaslide_comparison import CHANGED, MachinesApart
+from calib.hexaslide.comparison import CHANGED, MachinesApart
 
 MOST_LENGTHS = 8
 LEAST_SHOWN = 1e-6

@@ -9,8 +9,8 @@ from rich.table import Table
 from app.evaluating.hexaslide_adoption import Adoption, DiagnosedPostures
 from app.report.text.effect_entries import history_words, origin_lines, size_lines
 from app.report.text.tables import new_table, paragraphs, result_table
-from calib.diagnosis.hexaslide import CauseSize, HexaSlideDiagnosis, Names
-from calib.diagnosis.hexaslide_causes import AdoptedEffect
+from calib.hexaslide.causes import AdoptedEffect
+from calib.hexaslide.diagnosis import CauseSize, HexaSlideDiagnosis, Names
 from calib.hexaslide.platform import PlatformError
 from protocols.data_table import DataTable
 from protocols.hexaslide_model import HexaSlideModel

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.report.text.hexaslide_diagnosis import title_of
 from app.report.text.tables import new_table, table_text
-from calib.diagnosis.hexaslide_what_if import CauseAtSize
+from calib.hexaslide.what_if import CauseAtSize
 
 WHAT_IF_HELP = """\
 {what_if.smaller}, {what_if.larger}  the size smaller, larger, by a step below its ±

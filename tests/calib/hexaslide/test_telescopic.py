@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.hexaslide import diagnosed
 from calib.errors import CalibrationError, ImpossibleRequest
 from calib.hexaslide.calibration import calibrate
 from calib.hexaslide.checked import frames_apart
 from calib.hexaslide.derivatives import RowMaker, jacobian, joint_angles
+from calib.hexaslide.diagnosis import diagnosed
 from calib.hexaslide.geometry import forward, inverse, with_values
 from calib.hexaslide.planning import fewest_postures, reachable
 from calib.hexaslide.platform import platform_error

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import FloatArray, without
-from calib.diagnosis.hexaslide import WeighedCauses
-from calib.diagnosis.hexaslide_causes import HexaSlideCause
-from calib.diagnosis.hexaslide_correction import moved_by, over_all
+from calib.hexaslide.causes import HexaSlideCause
+from calib.hexaslide.correction import moved_by, over_all
+from calib.hexaslide.diagnosis import WeighedCauses
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.platform import Places
 from calib.quantity import Sizes, round_step

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import FloatArray
-from calib.diagnosis.hexaslide import WeighedCauses
-from calib.diagnosis.hexaslide_causes import causes_of_machine
+from calib.hexaslide.causes import causes_of_machine
 from calib.hexaslide.checked import Known, inner_lengths, length_slopes
+from calib.hexaslide.diagnosis import WeighedCauses
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.platform import Places, PlatformError, quantile_m
 from calib.hexaslide.procedures import Procedure, ProcedureKind

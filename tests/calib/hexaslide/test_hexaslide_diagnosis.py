@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.hexaslide import diagnosed
 from calib.errors import NotIdentifiable
+from calib.hexaslide.diagnosis import diagnosed
 from protocols.hexaslide import load_hexaslide
 from tests.blind.hexaslide import LEAD_M, POSTURES, Hidden, Plain, case, measured
 from tests.conftest import LONG

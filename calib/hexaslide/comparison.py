@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import FloatArray
-from calib.diagnosis.hexaslide import FEWEST_SPARE, WeighedCauses
-from calib.diagnosis.hexaslide_correction import lengths_of, moved_by, over_all
 from calib.hexaslide.calibration import Calibration
 from calib.hexaslide.checked import Known, frames_apart, lengths_alone
+from calib.hexaslide.correction import lengths_of, moved_by, over_all
+from calib.hexaslide.diagnosis import FEWEST_SPARE, WeighedCauses
 from calib.hexaslide.geometry import MOTIONS, HexaSlide
 from calib.hexaslide.platform import Places, quantile_m
 from calib.stats import variance_ratio_p_value

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.diagnosis.hexaslide import weighed
-from calib.diagnosis.hexaslide_causes import AdoptedEffect
-from calib.diagnosis.hexaslide_what_if import PostureTrial
+from calib.hexaslide.causes import AdoptedEffect
+from calib.hexaslide.diagnosis import weighed
+from calib.hexaslide.what_if import PostureTrial
 from protocols.hexaslide import load_hexaslide
 from tests.blind.hexaslide import LEAD_M, Hidden, Plain, measured
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.diagnosis.hexaslide import weighed
-from calib.diagnosis.hexaslide_correction import lengths_of
 from calib.hexaslide.checked import PAIRS, inner_lengths
+from calib.hexaslide.correction import lengths_of
+from calib.hexaslide.diagnosis import weighed
 from protocols.hexaslide import load_hexaslide
 from tests.blind.hexaslide import LEAD_M, POSTURES, Array, Hidden, Plain, hidden, measured
 from tests.blind.hexaslide_correction import Remaining, remaining

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arrays import FloatArray, IntArray
-from calib.diagnosis.hexaslide import FEWEST_SPARE, Names, WeighedCauses
+from calib.hexaslide.diagnosis import FEWEST_SPARE, Names, WeighedCauses
 from calib.posterior.gaussian import About
 
 PARTS = 5

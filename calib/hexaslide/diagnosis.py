@@ -15,7 +15,10 @@ from typing import Annotated, Literal
 import numpy as np
 
 from calib.arrays import EXACT_BLIND, FloatArray, IntArray, svd_of_all, without
-from calib.diagnosis.hexaslide_causes import (
+from calib.diagnosis.thresholds import AGREED, OPEN, SURE
+from calib.errors import NotIdentifiable
+from calib.hexaslide.calibration import Calibration, calibrate
+from calib.hexaslide.causes import (
     AdoptedEffect,
     HexaSlideCause,
     causes_of_machine,
@@ -23,9 +26,6 @@ from calib.diagnosis.hexaslide_causes import (
     mistakes_of,
     with_effects,
 )
-from calib.diagnosis.thresholds import AGREED, OPEN, SURE
-from calib.errors import NotIdentifiable
-from calib.hexaslide.calibration import Calibration, calibrate
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.expectation import UNKNOWN
 from calib.hexaslide.geometry import HexaSlide

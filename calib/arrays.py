@@ -31,7 +31,7 @@ TOUCHED_LETTERS = (*LEG_NAMES, "t")
 """The same as the first letter of a place such as ``xy`` or ``tz``."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Conditions:
     """How each reading was taken, without its value. All arrays have shape ``(n_readings,)``.
 
@@ -141,7 +141,7 @@ class Conditions:
         return int(self.indicator.max()) + 1 if len(self) else 0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Observations(Conditions):
     """Conditions with what the indicators showed.
 

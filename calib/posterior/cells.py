@@ -242,7 +242,7 @@ class SessionCase:
         return rank[number]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Cells:
     """One session by its cells: ``means`` of them, with a variance ``(n_cells,)`` of each in mm².
 

@@ -102,7 +102,7 @@ class Lean(NamedTuple):
     """Of the turn."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Posterior:
     """What readings tell of the machine.
 

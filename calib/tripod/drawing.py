@@ -15,6 +15,11 @@ INDICATOR = 0.35
 
 RAIL_POINTS = 24
 
+PARALLEL, ABOVE_RAD = 0.98, 0.5
+"""Cosine of all drives to their middle beyond which they hide one another, seen along it; and from
+how far above they are then seen.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Lines:
@@ -75,13 +80,19 @@ def view(geometry: Geometry) -> FloatArray:
     """Unit vectors ``(2, 3)`` to the right and upwards in a picture of a machine.
 
     Drives at right angles are seen evenly from the corner between them, so that they and what is
-    parallel to them stand 120° apart, all as much foreshortened; against gravity is up.
+    parallel to them stand 120° apart, all as much foreshortened; against gravity is up. Parallel
+    drives are seen aslant, the last one behind.
     """
     towards = geometry.directions.sum(axis=0)
     towards = towards / np.linalg.norm(towards)
     against = -np.array(geometry.gravity)
     if towards @ against < 0.0:
         towards = -towards
+    if float(np.abs(geometry.directions @ towards).min()) > PARALLEL:
+        behind = geometry.origins[2] - geometry.origins.mean(axis=0)
+        behind = behind - (behind @ towards) * towards
+        towards = np.tan(ABOVE_RAD) * towards - behind / np.linalg.norm(behind)
+        towards = towards / np.linalg.norm(towards)
     for way in (against, geometry.directions[0]):
         upwards = way - (way @ towards) * towards
         if float(np.linalg.norm(upwards)) > UNIT:

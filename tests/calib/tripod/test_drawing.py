@@ -15,6 +15,7 @@ from calib.errors import CalibrationError
 from calib.tripod.drawing import Lines, set_up_lines, view
 from calib.tripod.geometry import Geometry, Three, Triple, direct
 from calib.tripod.pipeline import Model
+from tests.tripods import DELTA
 
 ORTHOGLIDE = Geometry()
 
@@ -118,6 +119,16 @@ def test_a_machine_seen_along_its_gravity_has_a_picture_too() -> None:
     slanted = 3.0**-0.5
     axes = view(replace(ORTHOGLIDE, gravity=(-slanted, -slanted, -slanted)))
     assert axes @ axes.T == pytest.approx(np.eye(2))
+
+
+def test_parallel_drives_are_seen_aslant_beside_one_another() -> None:
+    """Before: seen along the drives, divided by the length that nothing of gravity has there."""
+    for leg, axes in ((0, (1, 2)), (2, (1,))):
+        lines = set_up_lines(DELTA, leg, axes, (1.0, 1.0)[: len(axes)], 0.5, 0.0).seen(view(DELTA))
+        assert all(np.isfinite(part).all() for part in vars(lines).values())
+        feet = lines.bars[:, 1]
+        assert min(np.linalg.norm(feet - np.roll(feet, 1, axis=0), axis=1)) > 50.0
+        assert (lines.rails[:, -1] - lines.rails[:, 0])[:, 1].min() > 100.0
 
 
 def test_the_usual_machine_by_hand() -> None:

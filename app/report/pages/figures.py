@@ -65,8 +65,8 @@ BESIDE_IN, BELOW_IN = 0.62, 0.4
 ROW_IN = 0.19
 """A row of a legend, or of horizontal bars."""
 
-IN_A_ROW = 6
-"""Names of series in a legend."""
+IN_A_ROW, MARKED_IN = 6, 0.27
+"""Most names of series in a row of a legend, and room beside the letters of each."""
 
 MOST_LETTERS, LETTER_IN = 100, 0.055
 """Of names beside each other below a chart; more of them stand upright, each letter so high."""
@@ -90,7 +90,8 @@ WHOLE_UM = 20.0
 def svg_of(chart: Chart) -> str:
     """A chart of points; a grey field is noise."""
     visible = [series for series in chart.series if series.name != NOISE]
-    more_in = ROW_IN * ((len(visible) - 1) // IN_A_ROW)
+    columns = _columns([series.name for series in visible])
+    more_in = ROW_IN * ((len(visible) - 1) // columns)
     with _figure(WIDTH_IN, HEIGHT_IN + more_in, top_in=TOP_IN + more_in) as ((axes,), out):
         for series in chart.series:
             if series.name == NOISE:
@@ -104,7 +105,7 @@ def svg_of(chart: Chart) -> str:
         axes.axhline(0.0, color="0.4", lw=0.6)
         axes.set(xlabel=chart.x_words, ylabel=chart.y_words)
         _name_places(axes, chart)
-        _legend(axes)
+        _legend(axes, columns)
         _merge_points(axes, points)
     return out.getvalue()
 
@@ -279,10 +280,17 @@ def _name_places(axes: Axes, chart: Chart) -> None:
         axes.autoscale_view(scaley=False)
 
 
-def _legend(axes: Axes) -> None:
+def _columns(names: Sequence[str]) -> int:
+    """Names for which a row of a legend has room."""
+    each_in = MARKED_IN + LETTER_IN * max(map(len, names), default=0)
+    return max(1, min(IN_A_ROW, int((WIDTH_IN - LEFT_IN - RIGHT_IN) / each_in)))
+
+
+def _legend(axes: Axes, columns: int = IN_A_ROW) -> None:
     axes.legend(
         frameon=False,
-        ncols=IN_A_ROW,
+        ncols=columns,
+        handlelength=1.0,
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
         borderaxespad=0.1,

@@ -18,7 +18,14 @@ from app.report.hexaslide_certificate import CertifiedPostures, certified_postur
 from app.report.pages.contents import CalibrationReport
 from app.report.pages.figures import drawings_svg, svg_of
 from app.report.pages.report import ReportSource
-from app.report.pages.two_pages import Picture, Section, ordered_rows, shortened, traceability
+from app.report.pages.two_pages import (
+    SIMULATED,
+    Picture,
+    Section,
+    ordered_rows,
+    shortened,
+    traceability,
+)
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import (
     caveats,
@@ -58,7 +65,6 @@ NOT_VERIFIED = (
     "No session after the calibrated machine was entered belongs to this document. The error of "
     "the platform with it is predicted from the readings, not measured."
 )
-SIMULATED = "SIMULATED: no machine was measured. These readings were computed by the program."
 MOST_LIMITS, LONGEST = 3, 400
 """Sentences on the pages that are signed, and letters of one: seven motions of frames have room."""
 
@@ -104,7 +110,6 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
             Section("", [_object(certified), SIMULATED if simulated else ""]),
             Section("Traceability", _traceability(certified)),
             Section("Result", [_errors(document), RULE, enter, *_moved(solved, calibrated)]),
-            Section("The machine", [_drawn(solved)]),
         ],
         second_page=[
             Section("Entered and verified", _verified(later.verified if later else None)),
@@ -112,7 +117,10 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
             Section("Limits of this result", _limits(result, document)),
         ],
         sections=[
-            Section("What was measured", [_machine(solved.source.machine, certified.tolerance_mm)]),
+            Section(
+                "What was measured",
+                [_machine(solved.source.machine, certified.tolerance_mm), _drawn(solved)],
+            ),
             Section("What to enter in the controller", [enter, _values(solved, calibrated)]),
             Section(
                 "Parameters",

@@ -39,6 +39,8 @@ UNCERTAINTY = (
     "annex is of other values, the parameters as the papers identify them."
 )
 
+SIMULATED = "SIMULATED: no machine was measured. These readings were computed by the program."
+
 MOST_LEGS = 12
 """Pictures of legs for which there is room."""
 
@@ -154,7 +156,7 @@ def _not_measured(calibration: CertifiedCalibration) -> list[str]:
     """A simulation is no calibration."""
     if not any(session.opened.origin == "simulated" for session in calibration.sessions):
         return []
-    return ["SIMULATED: no machine was measured. These readings were computed by the program."]
+    return [SIMULATED]
 
 
 def traceability(instruments: Sequence[InstrumentIdentity], gauge: str) -> list[str | Table]:

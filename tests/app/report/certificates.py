@@ -58,7 +58,7 @@ def laboratory(
     """The order of a certificate; the settings file with its logo lies beside it."""
     (folder / "settings.toml").write_text(text, encoding="utf-8")
     monkeypatch.setenv("GLIDECAL_SETTINGS", str(folder / "settings.toml"))
-    Image.new("RGB", (60, 20), (27, 108, 168)).save(folder / "logo.png")
+    Image.new("RGB", (600, 600), (27, 108, 168)).save(folder / "logo.png")
     path = folder / "order.toml"
     path.write_text(order, encoding="utf-8")
     return path

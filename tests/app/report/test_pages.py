@@ -18,14 +18,17 @@ from xml.etree import ElementTree
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.textpath import TextPath
 from rich.table import Table
 
 from app.evaluating.comparison import reported_pair
 from app.evaluating.diagnosis import diagnose_files
 from app.evaluating.solution import judge, solve_files
 from app.report.certificate import CertificateHead
+from app.report.charts.charts import Chart, Series
 from app.report.charts.results import residuals_before_and_after
 from app.report.pages.contents import CalibrationReport
+from app.report.pages.figures import svg_of
 from app.report.pages.report import WIDTH_EM, html_of, pdf_of, widths_em
 from app.report.pages.two_pages import Picture, Section
 from app.report.text.tables import new_table
@@ -442,3 +445,15 @@ def test_without_the_extra_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None
         extra("glidecal report", "report"),
     ):
         import matplotlib.figure  # noqa: F401  (asked for once more)
+
+
+def test_the_names_of_six_series_are_within_the_picture() -> None:
+    """Before: the last of "leg Z along Y" was cut off."""
+    legs = [f"leg {leg} along {axis}" for leg in "XYZ" for axis in "XYZ" if leg != axis]
+    for names in (legs, [f"{name}, station 0.75" for name in legs]):
+        series = tuple(Series(name, (0.0, 1.0), (0.0, 1.0)) for name in names)
+        root = ElementTree.fromstring(svg_of(Chart("residuals", "minutes", "µm", series)))
+        starts = {text.text: float(text.get("x", "nan")) for text in root.iter() if text.text}
+        right_pt = float(root.get("viewBox", "").split()[2])
+        for name in names:
+            assert starts[name] + TextPath((0, 0), name, size=8).get_extents().width < right_pt

@@ -21,6 +21,7 @@ from protocols.machine_files import MACHINES
 from tests.app.cli import glidecal, refused
 from tests.app.posture_sessions import TOLERANCE_MM, before_and_after, posture_session
 from tests.app.report.certificates import LABORATORY, ORDER, laboratory
+from tests.app.report.test_certificate import printed_pages
 from tests.app.report.test_dcc import NAMES, faults_of, values_of
 from tests.conftest import LONG
 
@@ -139,6 +140,9 @@ def test_the_certificate_on_paper(pair: tuple[Path, Path], order: Path, tmp_path
     assert glidecal(*arguments, "-o", target).status == 0
     html = target.read_text("utf-8")
     assert "<script" not in html
+    _, second, third, *_ = printed_pages(html)
+    assert "Signature" in second
+    assert "Annex What was measured" in third
     page = " ".join(re.sub(r"<[^>]+>", " ", html).split())
     assert "Calibration certificate 2026-0042" in page
     for words in ("OG-0007", "Sample Town", "laser tracker T-17 K-2026-88 2026-02-03"):

@@ -61,7 +61,8 @@ def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedRe
     jacobian = planned.examine().sensitivity.jacobian
     alone = np.concatenate([_half_widths(jacobian[:, :3]), _half_widths(jacobian[:, 3:])])
     half_widths = _half_widths(jacobian)
-    within = _half_widths(np.vstack([jacobian, np.diag(1.0 / tolerance_mm)]))
+    # in units of the tolerances, so that a small one beside a large one is no lost direction
+    within = tolerance_mm * _half_widths(np.vstack([jacobian * tolerance_mm, np.eye(6)]))
     rows = zip(PARAMETER_NAMES, alone.tolist(), half_widths.tolist(), within.tolist(), strict=True)
     before = posterior([_nothing_new(planned, tolerance_mm)])
     offsets = correction(before, "offsets")

@@ -98,3 +98,16 @@ def test_what_a_procedure_does_not_see_has_no_uncertainty_without_tolerances() -
         assert 0.0 < within < 4.1
     three = expected("zero-max-min").parameters
     assert all(None not in astuple(parameter) for parameter in three)
+
+
+@pytest.mark.parametrize("sure", [0, 3])
+def test_a_tolerance_far_below_the_others_is_no_lost_direction(sure: int) -> None:
+    """Before: infinite for all six, which no table and no document takes."""
+    tolerance_mm = TOLERANCE_MM.copy()
+    tolerance_mm[sure : sure + 3] = 1e-9
+    result = expected_of(planning(conditions_of("zero-max-min"), 0.02), tolerance_mm)
+    held_mm = [parameter.held_mm for parameter in result.parameters]
+    assert held_mm[sure : sure + 3] == pytest.approx([1.96e-9] * 3, rel=1e-3)
+    alone_mm = [parameter.alone_mm for parameter in result.parameters]
+    free = slice(3 - sure, 6 - sure)
+    assert held_mm[free] == pytest.approx(alone_mm[free], rel=0.05)

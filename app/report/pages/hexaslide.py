@@ -24,6 +24,7 @@ from app.report.pages.two_pages import (
     Section,
     ordered_rows,
     shortened,
+    shortened_limits,
     traceability,
 )
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
@@ -33,11 +34,11 @@ from app.report.text.hexaslide_calibration import (
     figure_lines,
     is_shown_better,
     left_parts,
-    next_lines,
     off_words,
     parameter_table,
+    verification_lines,
 )
-from app.report.text.hexaslide_diagnosis import diagnosis_parts, verdict_words
+from app.report.text.hexaslide_diagnosis import missing_parts, verdict_line
 from app.report.text.hexaslide_session import readings_table, remark_lines
 from app.report.text.tables import new_table, signed
 from app.version import program
@@ -65,8 +66,8 @@ NOT_VERIFIED = (
     "No session after the calibrated machine was entered belongs to this document. The error of "
     "the platform with it is predicted from the readings, not measured."
 )
-MOST_LIMITS, LONGEST = 3, 400
-"""Sentences on the pages that are signed, and letters of one: seven motions of frames have room."""
+LONGEST = 400
+"""Letters of a sentence on the pages that are signed: seven motions of frames have room."""
 
 
 def source_of_postures(
@@ -105,7 +106,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
     return CalibrationReport(
         machine=solved.source.machine.full_name,
         decision=_decision(certified),
-        sentences=(_at_most(document), _verdict(result)),
+        sentences=(_at_most(document), verdict_line(result)),
         first_page=[
             Section("", [_object(certified), SIMULATED if simulated else ""]),
             Section("Traceability", _traceability(certified)),
@@ -114,7 +115,10 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
         second_page=[
             Section("Entered and verified", _verified(later.verified if later else None)),
             Section("What is left at each posture", _charts(solved)),
-            Section("Limits of this result", _limits(result, document)),
+            Section(
+                "Limits of this result",
+                shortened_limits(_all_limits(result, document), LONGEST),
+            ),
         ],
         sections=[
             Section(
@@ -127,7 +131,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
                 [parameter_table(document), *figure_lines(document, solved.found.factor)],
             ),
             Section("What limits this result", _all_limits(result, document)),
-            Section("What is missing from the model", _missing(result)),
+            Section("What is missing from the model", missing_parts(result)),
             Section(
                 "What the calibrated machine leaves",
                 [
@@ -173,12 +177,6 @@ def _at_most(document: HexaSlideCalibrationReport) -> str:
     if bound_mm is None:
         return "What the platform is off by with the calibrated machine is not known."
     return f"With the calibrated machine the platform is off by at most {bound_mm:.3g} mm (95 %)."
-
-
-def _verdict(result: PostureResult) -> str:
-    if result.diagnosis is None:
-        return f"NOT DIAGNOSED. {result.not_diagnosed}"
-    return f"{result.diagnosis.verdict.upper()}. {verdict_words(result.diagnosis)}"
 
 
 def _object(certified: CertifiedPostures) -> Table:
@@ -279,13 +277,8 @@ def _verified(verified: VerifiedMachine | None) -> list[str]:
     """What a later session says of the machine that was entered."""
     if verified is None:
         return [NOT_VERIFIED]
-    words = off_words(verified.after, verified.tolerance_mm)
-    was_mm = 1000.0 * verified.before.platform.now.places_rms_m
-    return [
-        f"{(verified.decision or 'undecided').upper()}: {words}",
-        f"Before: {was_mm:.3g} mm r.m.s. Session: {verified.after.name}.",
-        *next_lines(verified),
-    ]
+    decision, before, *next_lines = verification_lines(verified)
+    return [decision, f"{before} Session: {verified.after.name}.", *next_lines]
 
 
 def _drawn(solved: CalibratedMachine) -> Picture:
@@ -306,16 +299,6 @@ def _all_limits(result: PostureResult, document: HexaSlideCalibrationReport) -> 
     return [*unfinished, *caveats(document), *remark_lines(result.session)]
 
 
-def _limits(result: PostureResult, document: HexaSlideCalibrationReport) -> list[str]:
-    limits = _all_limits(result, document)
-    more_count = len(limits) - MOST_LIMITS
-    return [
-        *(shortened(words, LONGEST) for words in limits[:MOST_LIMITS]),
-        *([f"{more_count} more in the annex."] if more_count > 0 else []),
-        "The results are of this machine as it was when it was measured.",
-    ]
-
-
 def _machine(machine: HexaSlideMachine, tolerance_mm: float | None) -> Table:
     """What was known of it before; tolerances of parts are standard deviations."""
     table = new_table("machine", machine.name, left=2)
@@ -332,9 +315,3 @@ def _machine(machine: HexaSlideMachine, tolerance_mm: float | None) -> Table:
     platform = "not stated" if tolerance_mm is None else f"{tolerance_mm:g} mm r.m.s."
     table.add_row("tolerance of the platform", platform)
     return table
-
-
-def _missing(result: PostureResult) -> list[str | Table]:
-    if result.diagnosis is None:
-        return [result.not_diagnosed]
-    return diagnosis_parts(result.diagnosis)

@@ -86,7 +86,7 @@ def second_page(calibration: CertifiedCalibration, legs: Sequence[LegFigure]) ->
         Section("Entered and verified", _verified(calibration.verified)),
         Section("Uncertainty", [UNCERTAINTY]),
         *([Section(heading, sheet)] if sheet else []),
-        Section("Limits of this result", _limits(calibration)),
+        Section("Limits of this result", shortened_limits(limits_of(calibration))),
     ]
 
 
@@ -212,12 +212,11 @@ def _verified(verified: Verification | None) -> list[str | Table]:
     return [*map(_short_sentence, words), offsets_table(verified)]
 
 
-def _limits(calibration: CertifiedCalibration) -> list[str]:
-    limits = limits_of(calibration)
+def shortened_limits(limits: Sequence[str], longest: int = LONGEST) -> list[str]:
+    """The gravest, how many more are in the annex, and what holds for all results."""
     more_count = len(limits) - MOST_LIMITS
-    sentences = [_short_sentence(words) for words in limits[:MOST_LIMITS]]
     return [
-        *sentences,
+        *(shortened(words, longest) for words in limits[:MOST_LIMITS]),
         *([f"{more_count} more in the annex."] if more_count > 0 else []),
         "The results are of this machine as it was when it was measured.",
     ]

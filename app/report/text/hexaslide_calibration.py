@@ -85,13 +85,18 @@ def check_words(document: HexaSlideCalibrationReport) -> str:
 
 def verification_text(verified: VerifiedMachine) -> str:
     """The decision, what it rests on, and what to do."""
+    return paragraphs("\n".join(verification_lines(verified)))
+
+
+def verification_lines(verified: VerifiedMachine) -> list[str]:
+    """The decision, what the platform was off by before, then what to do."""
     was_mm = 1000.0 * verified.before.platform.now.places_rms_m
-    lines = [
-        f"{verified.decision or 'undecided'}: {off_words(verified.after, verified.tolerance_mm)}",
+    off = off_words(verified.after, verified.tolerance_mm)
+    return [
+        f"{(verified.decision or 'undecided').upper()}: {off}",
         f"Before: {was_mm:.3g} mm r.m.s.",
-        *next_lines(verified),
+        *_next_lines(verified),
     ]
-    return paragraphs("\n".join(lines))
 
 
 def off_words(solved: CalibratedMachine, tolerance_mm: float | None) -> str:
@@ -128,7 +133,7 @@ def _sides(off: Number, bound: Number, limit: Number) -> tuple[bool, bool]:
     return off + bound <= limit, off - bound > limit
 
 
-def next_lines(verified: VerifiedMachine) -> list[str]:
+def _next_lines(verified: VerifiedMachine) -> list[str]:
     """What to do after a verification, and what it could not see."""
     lines = []
     if verified.same_machine:

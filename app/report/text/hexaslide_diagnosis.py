@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
+from app.evaluating.hexaslide import PostureResult
 from app.evaluating.hexaslide_adoption import Adoption, DiagnosedPostures
 from app.report.text.effect_entries import history_words, origin_lines, size_lines
 from app.report.text.tables import new_table, paragraphs, result_table
@@ -112,6 +113,18 @@ def verdict_words(diagnosis: HexaSlideDiagnosis) -> str:
     return VERDICTS[diagnosis.verdict].format(
         diagnosis.spare if diagnosis.verdict == "cannot-tell" else titles
     )
+
+
+def verdict_line(result: PostureResult) -> str:
+    """The verdict of a session before its sentence, or why there is none."""
+    if result.diagnosis is None:
+        return f"NOT DIAGNOSED. {result.not_diagnosed}"
+    return f"{result.diagnosis.verdict.upper()}. {verdict_words(result.diagnosis)}"
+
+
+def missing_parts(result: PostureResult) -> list[str | Table]:
+    """What may be missing, or why there is no diagnosis."""
+    return diagnosis_parts(result.diagnosis) if result.diagnosis else [result.not_diagnosed]
 
 
 def diagnosis_parts(diagnosis: HexaSlideDiagnosis) -> list[str | Table]:

@@ -18,7 +18,7 @@ from app.report.text.hexaslide_calibration import (
     off_words,
     parameter_table,
 )
-from app.report.text.hexaslide_diagnosis import diagnosis_parts, verdict_words
+from app.report.text.hexaslide_diagnosis import missing_parts, verdict_line
 from app.report.text.hexaslide_session import readings_parts, remark_lines
 from app.report.text.tables import PAGE_HELP, paragraphs
 from calib.errors import GlidecalError
@@ -63,16 +63,13 @@ def glance_text(result: PostureResult, columns: int, *, read_only: bool, folder:
     document = HexaSlideCalibrationReport.of(solved)
     tolerance_mm = solved.source.machine.platform_tolerance_mm
     decision = "NOT JUDGED" if tolerance_mm is None else decided(solved, tolerance_mm).upper()
-    verdict = f"NOT DIAGNOSED. {result.not_diagnosed}"
-    if result.diagnosis is not None:
-        verdict = f"{result.diagnosis.verdict.upper()}. {verdict_words(result.diagnosis)}"
     platform, count = document.platform, len(document.individually_known)
     after = "after is not known" if platform.bound_rms_mm is None else "after: at most (95 %)"
     bars = now_and_after(platform.now_rms_mm, platform.bound_rms_mm, tolerance_mm, columns)
     files = f"{folder} has" if folder else "{postures.export} writes"
     return paragraphs(
         f"{decision}: {off_words(solved, tolerance_mm)}"
-        f"{NO_TOLERANCE if tolerance_mm is None else ''}\n{verdict}",
+        f"{NO_TOLERANCE if tolerance_mm is None else ''}\n{verdict_line(result)}",
         [f"Platform error, r.m.s. over the box; {after}:", *bars],
         f"{document.parameter_count} parameters are entered: {files} them as files, page Details "
         f"has the {count} that are known alone.",
@@ -113,9 +110,7 @@ def left_text(result: PostureResult) -> str:
 
 def missing_text(result: PostureResult) -> str:
     """The diagnosis, or why there is none."""
-    if result.diagnosis is None:
-        return paragraphs(result.not_diagnosed)
-    return paragraphs(*diagnosis_parts(result.diagnosis))
+    return paragraphs(*missing_parts(result))
 
 
 def readings_text(result: PostureResult) -> str:

@@ -387,7 +387,8 @@ TRUTH_SCHEMA: TruthSchema = "glidecal.hexaslide-truth/1"
 EACH_OWN_LINE = ",\n  "
 NUMBER_OF_POSTURE = re.compile(r"postures\.(\d+)")
 
-Value = Annotated[float, Field(ge=-100.0, le=100.0)]
+MOST_READ = 100.0
+Value = Annotated[float, Field(ge=-MOST_READ, le=MOST_READ)]
 NoiseFigure = Annotated[float, Field(ge=0.0, le=100.0)]
 D = TypeVar("D", bound=BaseModel)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from app.version import program
 from calib.arrays import FloatArray
 from calib.design.criteria import Criterion
-from calib.errors import CalibrationError, RecordError, UsageError
+from calib.errors import CalibrationError, RecordError, UsageError, check_number
 from calib.hexaslide.geometry import COORDINATES, HexaSlide, in_degrees
 from calib.hexaslide.planning import HexaSlidePlanning, HexaSlideSeen, conditions_at
 from calib.hexaslide.procedures import Procedure, ProcedureKind
@@ -19,6 +19,7 @@ from calib.hexaslide.simulation import simulate
 from protocols.data_table import csv_text
 from protocols.files import write_files
 from protocols.hexaslide import (
+    MOST_READ,
     SCHEMA,
     TRUTH_SCHEMA,
     FileUnits,
@@ -190,9 +191,9 @@ def write_simulated(
 
     Without ``output`` the measurements are only returned.
     ``errors_mm`` is the size of each error, 1 mm where it is None, ``noise_mm`` 0.01 mm; as many
-    mrad as that is the noise of angles. Raises UsageError for a procedure, noise or target,
-    RecordError for the machine file, CalibrationError for postures or machines that cannot be, and
-    as `write_files`.
+    mrad as that is the noise of angles. Raises UsageError for a procedure, noise or target, and for
+    a machine whose sliders stand beyond all measure, RecordError for the machine file,
+    CalibrationError for postures or machines that cannot be, and as `write_files`.
     """
     if truth is not None and output is not None and truth.resolve() == output.resolve():
         raise UsageError("--truth and --output", f"{output} twice", "two files")
@@ -214,7 +215,9 @@ def write_simulated(
         length_noise_m=length_mm / 1000.0,
         angle_noise_rad=angle_mrad / 1000.0,
     )
-    rows = zip(readings.sliders.tolist(), readings.measured.tolist(), strict=True)
+    rows = [*zip(readings.sliders.tolist(), readings.measured.tolist(), strict=True)]
+    furthest = max((value for parts in rows for part in parts for value in part), key=abs)
+    check_number("slider or reading of a posture", furthest, -MOST_READ, MOST_READ, "m or rad")
     measured = HexaSlideMeasurements(
         schema=SCHEMA,
         program=program(),

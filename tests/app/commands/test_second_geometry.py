@@ -225,3 +225,14 @@ def test_linuxcnc_holds_it(measured: tuple[Path, Path], tmp_path: Path) -> None:
     )[1:]
     for stop, place in zip(stops, places, strict=True):
         assert stop.joint == pytest.approx(lengths(place), abs=1e-3)
+
+
+def test_a_length_in_other_units_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    """Before: a fault of the program in the middle of a simulation."""
+    machine, target = tmp_path / "m.toml", tmp_path / "s.jsonl"
+    machine.write_text(FILE.read_text("utf-8").replace("link_mm = 590.0", "link_mm = 590000.0"))
+    arguments = ("simulate", "--machine", machine, "--procedure", "constraint-link")
+    words = refused(2, *arguments, "--postures", "5", "-o", target)
+    assert "slider or reading of a posture: found -58" in words
+    assert "Allowed: a number from -100 to 100 m or rad." in words
+    assert not target.exists()

@@ -1,4 +1,4 @@
-"""Hooks of mkdocs: pages whose text is kept elsewhere, and formulas as MathML.
+"""Hooks of mkdocs: pages whose text is kept elsewhere, formulas as MathML, words of the search.
 
 README.md is the first page; CONTRIBUTING.md, CHANGELOG.md and the notebook of the papers are pages
 too. Formulas stand in the Markdown between dollar signs, as hosts of repositories show them;
@@ -88,3 +88,10 @@ def on_post_page(output: str, page: Page, **_: object) -> str:
     if match := FETCHED.search(output):
         raise PluginError(f"{page.file.src_uri}: {match[0]} needs a network; keep it in docs/")
     return output
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """The words of the search as a script, too: a site in a folder has no other way to them."""
+    search = Path(config.site_dir) / "search"
+    words = (search / "search_index.json").read_text(encoding="utf-8")
+    (search / "search_index.js").write_text(f"window.searchIndex = {words};\n", encoding="utf-8")

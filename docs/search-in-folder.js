@@ -3,7 +3,7 @@
 if (location.protocol === "file:") {
   window.Worker = class {
     postMessage({ init, query }) {
-      const tell = (data) => this.onmessage({ data });
+      const answer = (data) => this.onmessage({ data });
       if (init) {
         this.load(["lunr.js", "search_index.js"], () => {
           const { config, docs } = window.searchIndex;
@@ -14,12 +14,12 @@ if (location.protocol === "file:") {
             this.ref("location");
             docs.forEach((page) => this.add(page));
           });
-          tell({ config });
-          tell({ allowSearch: true });
+          answer({ config });
+          answer({ allowSearch: true });
         });
       } else {
         const pages = this.index.search(query).map(({ ref }) => this.pages[ref]);
-        tell({ results: pages.map((page) => ({ ...page, summary: page.text.slice(0, 200) })) });
+        answer({ results: pages.map((page) => ({ ...page, summary: page.text.slice(0, 200) })) });
       }
     }
     load([name, ...names], then) {

@@ -31,13 +31,13 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 async def results(tab: Tab) -> list[str]:
-    """Titles that a search found, as soon as there are any."""
-    titles = "[...document.querySelectorAll('#mkdocs-search-results h3')].map(h => h.innerText)"
+    """Titles of what the search gives, as soon as there are any."""
+    read = "[...document.querySelectorAll('#mkdocs-search-results h3')].map(h => h.innerText)"
     async with asyncio.timeout(PATIENCE_S):
-        while not (found := await tab.value(titles)):
+        while not (titles := await tab.value(read)):
             await asyncio.sleep(0.05)
-    assert isinstance(found, list)
-    return found
+    assert isinstance(titles, list)
+    return titles
 
 
 async def test_the_search_answers_without_a_server(site: Path, tmp_path: Path) -> None:

@@ -189,6 +189,7 @@ def draw_leg(leg: LegFigure, above: Axes, below: Axes) -> None:
         axes.set_ylim(ticks[0], ticks[-1])
         axes.set_title(chart.title, loc="left", size=7.5)
         axes.set(xlabel=chart.x_words, ylabel=chart.y_words)
+        axes.locator_params(axis="x", integer=True)  # no half numbers of positions
 
 
 def _merge_points(axes: Axes, lines: Sequence[Line2D]) -> None:

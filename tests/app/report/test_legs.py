@@ -24,6 +24,17 @@ def figures() -> SessionFigures:
     return glidecal.figures(SWEEP)
 
 
+def test_positions_have_whole_numbers() -> None:
+    """Before: 2.5, 5.0, 7.5 … of 19 positions."""
+    above, below = Figure().subplots(2)
+    glidecal.figures(SAMPLES / "every_schema" / "6" / "contacts.jsonl").draw(0, above, below)
+    assert below.get_xlabel() == "number of the position"
+    for axes in (above, below):
+        ticks = axes.get_xticks()
+        assert len(ticks) > 2
+        assert all(tick == round(tick) for tick in ticks)
+
+
 def test_every_reading_is_a_point_of_both_parts(figures: SessionFigures) -> None:
     session = glidecal.load(SWEEP)
     assert [leg.title for leg in figures.legs] == [

@@ -294,6 +294,8 @@ class _Report:
         beside = after or self.before
         law = descending([*likely], likely.__getitem__)[0]
         finding = self._finding((law,), likely[law], adopted, beside.rms_mm(beside.left))
+        if finding.gap_rms_after_mm >= finding.gap_rms_before_mm:
+            return None
         together = (*adopted, *finding.effects)
         if self.others:
             return ModelDiscrepancy(**vars(finding), held_out_gap=self._elsewhere(together))
@@ -537,10 +539,17 @@ def explained_share(before_rms_mm: float, after_rms_mm: float) -> float:
 def sentence(verdict: Verdict, findings: Sequence[Finding], where: str) -> str:
     """The verdict in one sentence that a machinist understands; ``where`` something is left."""
     names = " and ".join(f"{finding.title} ({finding.where})" for finding in findings)
-    rival_ids = sorted(
-        {rival.id for finding in findings for rival in finding.indistinguishable_from}
-    )
-    rivals = ["an unnamed effect" if rival_id == EMPIRICAL else rival_id for rival_id in rival_ids]
+    ids = {finding.id for finding in findings}
+    named = {rival for finding in findings for rival in finding.indistinguishable_from}
+    words = {
+        "an unnamed effect"
+        if rival.id == EMPIRICAL
+        else f"{rival.id} ({rival.where})"
+        if rival.id in ids
+        else rival.id: rival.id
+        for rival in named
+    }
+    rivals = sorted(words, key=lambda word: (words[word], word))
     if len(rivals) > MOST_RIVALS:
         rivals = [*rivals[: MOST_RIVALS - 1], f"{len(rivals) - MOST_RIVALS + 1} others"]
     instead = (

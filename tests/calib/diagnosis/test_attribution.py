@@ -11,7 +11,16 @@ from calib.diagnosis.diagnose import sentence
 from calib.diagnosis.results import Named
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
-from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, diagnose, names
+from tests.calib.diagnosis.diagnosed_sessions import (
+    LAWS,
+    SHORT,
+    SWEEP,
+    TWO_STATION,
+    case,
+    diagnose,
+    names,
+    with_values,
+)
 from tests.conftest import first_quick
 
 
@@ -71,3 +80,21 @@ def test_the_first_sentence_stays_a_sentence() -> None:
     assert sentence("ambiguous", [plain], "").endswith(
         "More may be missing beside it; these readings cannot decide."
     )
+
+
+def test_a_rival_of_the_same_name_is_told_by_its_place() -> None:
+    """Else the sentence offers a name instead of itself."""
+    taper = EffectInstance(LAWS["leg_taper"], "xz", (3.0,))
+    (finding, *_) = diagnose([case(SWEEP, taper, seed=1)], CATALOGUE).effects
+    rivals = (Named("leg_taper", "xy"), Named("axis_offset", "xy"), Named("axis_offset", "yz"))
+    words = sentence("ambiguous", [replace(finding, indistinguishable_from=rivals)], "")
+    assert words.endswith("or instead axis_offset, leg_taper (xy). These readings cannot decide.")
+
+
+def test_a_law_that_leaves_more_than_there_was_is_not_stated() -> None:
+    """An indicator whose sign is reversed on two legs: no law of travel explains that."""
+    session = case(SHORT, seed=2)
+    observed = session.observed
+    reversed_mm = np.where(observed.axis == 2, -observed.value_mm, observed.value_mm)
+    law = diagnose([with_values(session, reversed_mm)], CATALOGUE).left_over
+    assert law is None or law.gap_rms_after_mm < law.gap_rms_before_mm

@@ -109,11 +109,12 @@ class Conditions:
         return np.asarray((self.displacement_mm == 0.0) & ~self.position_mm.any(axis=1))
 
     def posture_words(self, row: int) -> str:
-        """``+60 mm`` for a leg, ``(0, 35, 10) mm`` for the tool."""
+        """``+60 mm`` or ``Zero`` for a leg, ``(0, 35, 10) mm`` for the tool."""
         if self.leg[row] == TOOL:
             return f"({', '.join(f'{round(v, 3) + 0.0:g}' for v in self.position_mm[row])}) mm"
         at = f" and {self.station[row]:g} of the bar" if self.over_plane[row] else ""
-        return f"{self.displacement_mm[row]:+g} mm{at}"
+        displacement_mm = self.displacement_mm[row]
+        return f"{displacement_mm:+g} mm{at}" if displacement_mm else f"Zero{at}"
 
     @cached_property
     def posture(self) -> IntArray:

@@ -208,7 +208,7 @@ def test_two_readings_under_one_label_and_the_wrong_one_is_told() -> None:
     row = int(rows_of(session.observed, 1)[0])
     diagnosis = diagnosed(session, under_level(session.observed, row, 60.0))
     mistake = the_mistake(diagnosis)
-    assert mistake.title == "one reading is wrong, at +60 mm, cycle 1; it fits +0 mm"
+    assert mistake.title == "one reading is wrong, at +60 mm, cycle 1; it fits Zero"
     assert left_out(diagnosis, len(session.observed)) == [row]
 
 

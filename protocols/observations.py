@@ -302,13 +302,29 @@ def changed_between(subject: str, verb: str) -> UsageError:
     )
 
 
+BESIDE_READINGS = {
+    "place",
+    "procedure",
+    "mdi",
+    "fastest_feed_mm_min",
+    "motion",
+    "indicator",
+    "tool_tolerance_mm",
+}
+"""Keys of a machine file on which no reading depends; those of the last session are used."""
+
+
 def _check_same_machine(sessions: Sequence[Session]) -> None:
     machines = [session.opened.machine for session in sessions]
     if len({session.adjusted for session in sessions}) > 1:
         raise changed_between(f"sessions of '{machines[0].name}'", "solve")
     first = machines[0]
     for session, machine in zip(sessions[1:], machines[1:], strict=True):
-        keys = [key for key in Machine.model_fields if getattr(machine, key) != getattr(first, key)]
+        keys = [
+            key
+            for key in Machine.model_fields
+            if key not in BESIDE_READINGS and getattr(machine, key) != getattr(first, key)
+        ]
         if keys == ["entered_offsets_mm"]:
             offsets = (
                 f"({', '.join(f'{offset_mm:.4g}' for offset_mm in entered.entered_offsets_mm)})"

@@ -263,7 +263,7 @@ def verify_files(
     common = later.sessions[0].opened.machine.set_at_zero or False
     if common:
         compared = replace(compared, remarks=(*compared.remarks, LESS_COMMON))
-    stated = (solved.sessions[0].opened.machine.tool_tolerance_mm for solved in (later, earlier))
+    stated = (solved.sessions[-1].opened.machine.tool_tolerance_mm for solved in (later, earlier))
     tolerance = tolerance_mm or next(filter(None, stated), None)
     decision = None
     if tolerance:

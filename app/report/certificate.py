@@ -186,7 +186,7 @@ def calibration_of(
     if verified:  # one tolerance for all decisions
         tolerance_mm = verified.tolerance_mm
     elif tolerance_mm is None:
-        tolerance_mm = solved.sessions[0].opened.machine.tool_tolerance_mm
+        tolerance_mm = solved.sessions[-1].opened.machine.tool_tolerance_mm
     return CertifiedCalibration(solved, diagnosed, verified, tolerance_mm, head, model)
 
 

@@ -81,6 +81,17 @@ def test_sessions_of_different_machines_are_not_mixed() -> None:
         to_observations([first, entered])
 
 
+def test_a_key_that_no_reading_depends_on_may_change_between_sessions() -> None:
+    """The owner states a tolerance or another indicator after the first session."""
+    first = session([("xy", 0.0), ("xy", 60.0)])
+    later = Machine(tool_tolerance_mm=0.05, fastest_feed_mm_min=3000.0)
+    observed = to_observations([first, session([("xy", 0.0), ("xy", 60.0)], machine=later)])
+    assert len(observed) == 4
+    aligned = session([("xy", 0.0)], machine=Machine(frame="aligned"))
+    with pytest.raises(UsageError, match=r"sessions of different machines.* other frame"):
+        to_observations([first, aligned])
+
+
 def test_no_reading_at_all() -> None:
     with pytest.raises(NotIdentifiable):
         to_observations([session([])])

@@ -43,7 +43,7 @@ def glance_text(
 
     ``before`` is the session that this one verifies.
     """
-    machine, frame = solved.sessions[0].opened.machine, solved.frame
+    machine, frame = solved.sessions[-1].opened.machine, solved.frame
     change, correction = solved.printer_change, solved.entered
     tolerance_mm = machine.tool_tolerance_mm
     bars = now_and_after(correction.now_mm, correction.bound_mm, tolerance_mm, columns)

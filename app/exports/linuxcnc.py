@@ -1,7 +1,7 @@
 """Files for LinuxCNC: an include for each joint, its table where it has one, own kinematics.
 
-``HOME_OFFSET`` is the joint coordinate of the home switch, so new = old + e(switch, direction of
-latching), e being true - believed place of the carriage (docs/export.md). A table is read in
+``HOME_OFFSET`` is the joint coordinate of the home switch, so new = old + d_rho + what the table or
+BACKLASH holds there in the direction of latching (docs/export.md). A table is read in
 coordinates that are believed once that is entered, and BACKLASH is not looked at beside one: play
 goes into it. The controller refuses comments behind a number; they stand on lines of their own.
 """

@@ -117,6 +117,19 @@ class Table:
         pairs = zip(errors_mm, (self.error_up_mm, self.error_down_mm), strict=True)
         return [error - np.interp(joint_mm, self.joint_mm, at) for error, at in pairs]
 
+    def absorbed_mm(self, believed_mm: float, way: int) -> float:
+        """What homing absorbs at a switch where ``believed_mm`` would be right without the table.
+
+        Beyond its ends the controller holds the table's end, whatever acts there.
+        """
+        error_mm, absorbed_mm = self.error_up_mm if way > 0 else self.error_down_mm, 0.0
+        for _ in range(PASSES):
+            former_mm = absorbed_mm
+            absorbed_mm = float(np.interp(believed_mm + former_mm, self.joint_mm, error_mm))
+            if abs(absorbed_mm - former_mm) < SETTLED_MM:
+                break
+        return absorbed_mm
+
     def turned(self) -> Table:
         """The same table for a coordinate that counts the other way."""
         return Table(-self.joint_mm[::-1], -self.error_down_mm[::-1], -self.error_up_mm[::-1])
@@ -245,11 +258,9 @@ def joint_entries(model: Model, drive: int, joint: ControllerJoint, way: int = 1
             f"less than its travel, {travel_mm:g} mm",
             "Look at the values in the model: glidecal model.",
         )
-    # what homing meets at the switch is in the old value; an encoder meets nothing
     change = offset
-    if not joint.absolute_encoder:
-        switch = np.full((1, 3), joint.home_offset_mm)
-        change = float(carriage_error_mm(model, switch, joint.latch_sign or 1)[0, drive])
+    if not joint.absolute_encoder:  # an encoder meets nothing
+        change += table.absorbed_mm(joint.home_offset_mm + offset, joint.latch_sign or 1)
     play = float(table.error_down_mm.mean())
     if max(abs(table.error_up_mm).max(), abs(table.error_down_mm - play).max()) < PLAY_ALONE_MM:
         return JointEntries(change, joint.backlash_mm + play)

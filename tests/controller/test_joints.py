@@ -38,6 +38,16 @@ def test_homed_on_a_switch_the_carriage_is_where_it_is_believed(
     assert worst_um(tmp_path, machine, found(machine), joints, homing(0.0, way)) < 3.0
 
 
+def test_a_switch_beyond_the_ends_of_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    need_linuxcnc()
+    monkeypatch.setattr("tests.controller.machine.SWITCH_MM", 400.0)
+    machine = Machine(OFFSETS, joint=WHOLE)
+    joints = on_switch(machine, 1.0)
+    assert worst_um(tmp_path, machine, found(machine), joints, homing(0.0)) < 3.0
+
+
 @pytest.mark.parametrize("way", [1.0, -1.0], ids=["latched-up", "latched-down"])
 def test_a_joint_that_counts_against_its_drive(way: float, tmp_path: Path) -> None:
     need_linuxcnc()

@@ -9,8 +9,10 @@ import pytest
 
 from calib.errors import ImpossibleRequest
 from calib.tripod.controller import (
+    ControllerJoint,
     carriage_error_mm,
     commanded_with,
+    joint_entries,
     kinematics_of,
     not_told,
     table_of,
@@ -77,6 +79,17 @@ def test_a_proportional_error_takes_two_points_and_nothing_none() -> None:
     assert table is not None
     assert len(table.joint_mm) == 2
     assert table.error_up_mm[1] - table.error_up_mm[0] == pytest.approx(0.08, abs=1e-4)
+
+
+@pytest.mark.parametrize(("switch_mm", "travel_mm"), [(345.0, 345.0 - L), (395.0, 60.0 - 0.8)])
+def test_homing_absorbs_what_the_table_holds_at_the_switch(
+    switch_mm: float, travel_mm: float
+) -> None:
+    """Beyond its end the controller holds the end: 60 mm believed, of which 0.8 are the offset."""
+    machine = model((ActuatorScale(), "x", (0.5,)))
+    entries = joint_entries(machine, 0, ControllerJoint(switch_mm, latch_sign=1))
+    absorbed_mm = 0.5e-3 * travel_mm / (1.0 if travel_mm < 40.0 else 1.0005)
+    assert entries.home_change_mm == pytest.approx(0.8 + absorbed_mm, abs=1e-9)
 
 
 def test_an_error_too_fine_for_256_points_is_refused() -> None:

@@ -313,6 +313,8 @@ class MeasureScreen(Corrections, SessionScreen, Resting):
             self.converse(self.correcting.homing)
         elif mover.unproved and mover.unproved.question:
             self.converse(self.correcting.proof)
+        elif faults := self._faults():  # it would be stopped as soon as it moves
+            self.say(faults[0])
         elif mover.consent():
             self.attended.on_hold = False
             self.attended.take_by_itself(True)

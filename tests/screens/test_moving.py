@@ -249,6 +249,20 @@ async def test_space_meant_as_stop_just_after_the_arrival_moves_nothing(
         assert len(moved.twin.moves) == 1
 
 
+async def test_nothing_moves_while_an_indicator_gives_no_value(tmp_path: Path) -> None:
+    async with measuring(tmp_path) as moved:
+        await moved.says("G moves it to Zero")
+        moved.bench.unplugged = True
+        await moved.says("FAULT: indicator 1")
+        await moved.pilot.pause(QUIET_S)
+        await moved.pilot.press("g")
+        await moved.pilot.pause(0.5)
+        assert not moved.twin.moves
+        moved.bench.unplugged = False
+        await moved.says("answers again")
+        await moved.go()
+
+
 @pytest.mark.parametrize(
     "trouble", first_quick([MotionTrouble.ESTOP, MotionTrouble.NAK, "indicator"])
 )

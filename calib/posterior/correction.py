@@ -206,15 +206,27 @@ def correction(
 
 
 def projector_of(field: ToolField, index: Sequence[int], frame: Frame) -> FloatArray:
-    """Values of these columns ``(n,)`` as a map ``(n, f)`` of what is expected in the field."""
-    metric, machine_metric = field.metrics[frame], field.metrics["machine"]
-    columns = list(index)
-    inner = metric + TIED * machine_metric
+    """Values of these columns ``(n,)`` as a map ``(n, f)`` of what is expected in the field.
+
+    Waves of a drive are entered as they are expected: nothing else is of their kind, and between
+    the places of the workspace a wave that follows something else does harm.
+    """
+    waves = {
+        k
+        for law in field.placed
+        if isinstance(law[0], ActuatorCyclic | Repeating)
+        for k in field.columns_of(law)
+    }
+    inner = field.metrics[frame] + TIED * field.metrics["machine"]
+    mapped = np.eye(len(inner))[list(index)]
+    fitted = [row for row, k in enumerate(index) if k not in waves]
+    columns = [index[row] for row in fitted]
     scale = 1.0 / np.sqrt(np.maximum(inner[columns, columns], 1e-30))
     block = inner[np.ix_(columns, columns)] * scale[:, None] * scale
     target = scale[:, None] * inner[columns]
-    mapped = np.linalg.solve(block + 1e-9 * np.eye(len(columns)), target)
-    return np.asarray(scale[:, None] * mapped)
+    target[:, [k for k in index if k in waves]] = 0.0
+    mapped[fitted] = scale[:, None] * np.linalg.solve(block + 1e-9 * np.eye(len(columns)), target)
+    return mapped
 
 
 def _projected(posterior: Posterior, parts: Sequence[Part], frame: Frame) -> FloatArray:

@@ -82,13 +82,14 @@ def place_of(visited: Observations, row: int) -> str:
 
 
 def _groups(visited: Observations) -> list[tuple[str, IntArray]]:
-    """Rows that one indicator or one table may have: a mounting, a place, a leg, an indicator."""
+    """Rows that one indicator may have taken, or that one table has."""
+    axes, legs = rows_of(numbered(visited.axis)), rows_of(numbered(visited.leg))
+    groups = [(f"along {LEG_NAMES[visited.axis[rows[0]]]}", rows) for rows in axes]
+    groups += [(TOUCHED_LETTERS[visited.leg[rows[0]]], rows) for rows in legs]
     indicators = enumerate(rows_of(visited.indicator), start=1)
-    groups = [(f"indicator {number}", rows) for number, rows in indicators]
+    groups += [(f"indicator {number}", rows) for number, rows in indicators]
     places = [*rows_of(numbered(visited.leg, visited.axis)), *visited.mountings]
     groups += [(place_of(visited, int(rows[0])), rows) for rows in places]
-    legs = rows_of(numbered(visited.leg))
-    groups += [(TOUCHED_LETTERS[visited.leg[rows[0]]], rows) for rows in legs]
     by_rows = {tuple(rows.tolist()): (where, rows) for where, rows in groups}
     # all signs reversed are all parameters reversed: no leg reading tells them apart
     return [group for key, group in by_rows.items() if len(key) < len(visited)]

@@ -60,11 +60,23 @@ def test_a_reversed_indicator() -> None:
     assert named(changed(session, rows, -session.observed.value_mm[rows])) == [("gauge_sign", "yz")]
 
 
+def test_an_indicator_reversed_on_both_legs_that_it_read() -> None:
+    """Tables do not tell which readings one indicator took."""
+    session = case(SHORT, seed=1)
+    rows = np.concatenate([rows_of(SHORT, table) for table in ("xz", "yz")])
+    answer = changed(session, rows, -session.observed.value_mm[rows])
+    assert named(answer) == [("gauge_sign", "along z")]
+
+
 @pytest.mark.parametrize("factor", first_quick([1000.0, 1.0 / 25.4, 25.4]))
-@pytest.mark.parametrize("place", first_quick(["z", "zx"]))
-def test_another_unit_of_an_indicator_or_a_leg(factor: float, place: str) -> None:
+@pytest.mark.parametrize(
+    ("place", "tables"),
+    first_quick([("z", ["zx", "zy"]), ("zx", ["zx"]), ("along z", ["xz", "yz"])], several=True),
+)
+def test_another_unit_of_a_leg_or_an_indicator(
+    factor: float, place: str, tables: list[str]
+) -> None:
     session = case(SHORT, seed=2)
-    tables = ["zx", "zy"] if place == "z" else [place]
     rows = np.concatenate([rows_of(SHORT, table) for table in tables])
     assert named(changed(session, rows, factor * session.observed.value_mm[rows])) == [
         ("unit_mixup", place)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import ndtr
 
 from calib.arrays import FloatArray, IntArray, descending, without
 from calib.errors import NotIdentifiable, UnreachablePosture
@@ -43,6 +44,9 @@ STEPS = 2
 BEYOND = 1.0
 """Noise variances by which a model may differ from its derivatives before it is followed."""
 
+
+NEVER = 1e-12
+"""Chance of a size that no machine has: it is far below 0."""
 
 EVERYWHERE = 0.005
 """Of an unremarkable size: what every law is taken to have everywhere.
@@ -272,6 +276,7 @@ class PosteriorProblem:
         self, race: Race, entries: Sequence[RaceEntry], about: About
     ) -> tuple[list[Weighted], float]:
         models_by_key: dict[Key, tuple[float, Weighted]] = {}
+        gained_by_key: dict[Key, float] = {}
         white = self._laws.whitened(self.columns)
         along = about.basis[: len(white)].T @ white
         moved = self._moved(about, along, about.left_by(white))
@@ -283,12 +288,14 @@ class PosteriorProblem:
             fit, gained = self._fitted(entry, race.products, plain), 0.0
             if follow and entry.members:
                 fit, gained = self._followed(race, entry, fit, about.room)
-            models_by_key[entry.key] = entry.log_weight + gained, self._model(race, entry, fit)
+            model, gained_by_key[entry.key] = self._model(race, entry, fit), gained
+            log_weight = entry.log_weight + gained + self._log_possible(model)
+            models_by_key[entry.key] = log_weight, model
 
         for number, entry in enumerate(entries):
             add(entry, follow=number < REFINED)
         best = max(entries, key=lambda entry: models_by_key[entry.key][0])
-        if models_by_key[best.key][0] != best.log_weight:
+        if gained_by_key[best.key]:
             for entry in _fewer(race, entries, best):
                 add(entry, follow=True)
         log = np.array([log_weight for log_weight, _ in models_by_key.values()])
@@ -309,6 +316,17 @@ class PosteriorProblem:
             inflated = math.sqrt(max(inflation, 1.0))
         members = entry.members, entry.scales, 0.0
         return Weighted(*members, fit.mean, fit.base, fit.sizes, inflated, self.everywhere)
+
+    def _log_possible(self, model: Weighted) -> float:
+        """Sizes that no machine has below 0 have half a normal as prior, twice as high there."""
+        at, log = len(model.base), 0.0
+        for k in model.members:
+            for place in (at + value for value in self.components[k].one_sided):
+                deviation = math.sqrt(float(model.variance_at(slice(place, place + 1))[0]))
+                chance = float(ndtr(model.mean[place] / deviation))
+                log += math.log(2.0 * max(chance, NEVER))
+            at += len(self.components[k].unit)
+        return log
 
     def _index(self, entry: RaceEntry) -> IntArray:
         return np.concatenate([np.zeros(0, np.intp), *(self.index[k] for k in entry.members)])

@@ -45,7 +45,7 @@ class GravitySag(OfBar):
 
     id = "gravity_sag"
     title = "the bars give under the weight of the tool"
-    parameters = (EffectParameter("shortening", "mm", 0.02),)
+    parameters = (EffectParameter("shortening", "mm", 0.02, least=0.0),)
     controller = "bar {place}: the kinematics of export --format linuxcnc-kins"
 
     def off(self, at: Acting) -> NDArray[Any]:

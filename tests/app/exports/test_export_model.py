@@ -213,7 +213,7 @@ def test_offsets_of_an_imported_table_are_not_entered_twice(
 def test_a_model_file_says_when_its_session_began(samples: Path, tmp_path: Path) -> None:
     model, out = tmp_path / "m.json", tmp_path / "o.csv"
     session = samples / "simulated_zero-max-min.jsonl"
-    adopting = ("diagnose", session, "--adopt", model, "--candidate", "gravity_sag:x")
+    adopting = ("diagnose", session, "--adopt", model, "--candidate", "gravity_sag:y")
     run = glidecal(*adopting)
     assert run.status == 0, run.err
     assert glidecal("export", model, "--format", "csv", "-o", out).status == 0

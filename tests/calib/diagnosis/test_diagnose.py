@@ -168,7 +168,7 @@ def test_a_near_alias_is_a_rival_of_a_small_effect_and_none_of_a_large_one() -> 
         effect = EffectInstance(LAWS["actuator_scale"], "x", (value,))
         return diagnose([case(TWO_STATION, effect, seed=1)], CATALOGUE)
 
-    small, large = with_scale(0.3), with_scale(6.0)
+    small, large = with_scale(-0.6), with_scale(-6.0)  # no bar gets longer under a weight
     (doubtful,) = small.effects
     names_possible = {doubtful.id} | {rival.id for rival in doubtful.indistinguishable_from}
     assert small.verdict == "ambiguous"

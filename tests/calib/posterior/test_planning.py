@@ -175,7 +175,7 @@ def planner_of(
 @pytest.fixture(scope="module")
 def play_or_screw() -> Planner:
     """Play that a short procedure does not tell from a screw."""
-    case, _ = session(SHORT, hidden("backlash", "x", 0.03), seed=2, scatter_mm=NOISE_MM)
+    case, _ = session(SHORT, hidden("backlash", "x", 0.03), seed=8, scatter_mm=NOISE_MM)
     return planner_of(case)
 
 
@@ -193,7 +193,7 @@ def test_the_best_a_minute_come_first(play_or_screw: Planner) -> None:
 
 @LONG
 def test_slow_mountings_make_long_set_ups_better() -> None:
-    case, _ = session(SHORT, hidden("backlash", "x", 0.03), seed=2, scatter_mm=NOISE_MM)
+    case, _ = session(SHORT, hidden("backlash", "x", 0.03), seed=8, scatter_mm=NOISE_MM)
     slow = planner_of(case, pace=Pace(minutes_per_mounting=60.0, seconds_per_step=1.0))
     quick = planner_of(case, pace=Pace(minutes_per_mounting=0.0, seconds_per_step=60.0))
     steps = [len(proposal.proposals[0].candidate.taken[0]) for proposal in (quick, slow)]
@@ -211,7 +211,7 @@ def test_the_measurement_that_separates_names_decides(play_or_screw: Planner) ->
     assert "; it decides between backlash (x), " in separation.words
     result = play_or_screw.posterior
     before = result.places["backlash", "x"]
-    case, machine = session(SHORT, *HIDDEN[0], seed=2, scatter_mm=NOISE_MM)
+    case, machine = session(SHORT, *HIDDEN[0], seed=8, scatter_mm=NOISE_MM)
     assert case.observed.value_mm == pytest.approx(result.sessions[0].case.observed.value_mm)
     generator = np.random.default_rng(1)
     case_after = with_reading_of(case, separation.candidate, machine, generator)
@@ -230,7 +230,7 @@ def test_where_a_name_is_certain_nothing_is_to_be_separated() -> None:
 
 @LONG
 def test_more_of_the_same_does_not_help_where_offsets_cannot_hold_what_is_known() -> None:
-    case, _ = session(TWO_STATION, hidden("backlash", "x", 0.03), seed=2, scatter_mm=NOISE_MM)
+    case, _ = session(TWO_STATION, hidden("backlash", "x", 0.03), seed=8, scatter_mm=NOISE_MM)
     plan = planner_of(case)
     assert not plan.more_helps
     assert plan.outside is None

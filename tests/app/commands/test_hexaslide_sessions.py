@@ -234,6 +234,24 @@ def test_a_wrong_table_is_one_paragraph_with_line_and_column(
     assert not (tmp_path / "s.jsonl").exists()
 
 
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_semicolons_stand_beside_decimal_points_and_commas(
+    decimal: str, pose: Path, tmp_path: Path
+) -> None:
+    rows = table(tmp_path / "t.csv", pose)
+    names = ("plain.csv", "german.csv")
+    write(tmp_path / names[0], rows)
+    lines = [";".join(cell.replace(".", decimal) for cell in row) for row in rows]
+    (tmp_path / names[1]).write_text("# of the tracker, by hand\n" + "\n".join(lines))
+    plain, german = (
+        import_postures(tmp_path / name, plan(tmp_path / f"{name}.jsonl", "pose-forward"))[0]
+        for name in names
+    )
+    assert [(r.sliders_mm, r.values) for r in german.readings] == [
+        (r.sliders_mm, r.values) for r in plain.readings
+    ]
+
+
 def test_one_value_that_is_off_by_little_is_told_and_kept(pose: Path, tmp_path: Path) -> None:
     rows = table(tmp_path / "t.csv", pose)
     rows[4][7] = repr(float(rows[4][7]) + 10.0)

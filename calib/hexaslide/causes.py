@@ -92,8 +92,9 @@ def causes_of_machine(
 ) -> Iterator[HexaSlideCause]:
     """Every cause that moves the platform, at every place.
 
-    Scale and bow do nothing where sliders are in the ``middle`` ``(6,)``. Play acts by the ``ways``
-    ``(p, 1)`` by which sliders came, up 1 and down -1; None: as they do from posture to posture.
+    Scale and bow do nothing where sliders are in the ``middle`` ``(6,)``. Of play carriages stay
+    behind on the ``ways`` ``(p, 1)`` by which they came, up 1 and down -1; None: as from posture to
+    posture, up to the first.
     """
     effects = _Effects(readings, machine, postures)
     sliders, at = readings.sliders, legs(machine.geometry, postures)
@@ -109,7 +110,7 @@ def causes_of_machine(
         )
         yield effects.of_sliders(
             *("leg_backlash" if telescopic else "backlash", where, ("play",), "mm"),
-            *(UNIT_LENGTH_M, 1e3, [0.5 * ways * of_rail]),
+            *(UNIT_LENGTH_M, 1e3, [-0.5 * ways * of_rail]),
         )
         if not telescopic:
             yield from _of_rail(effects, machine.geometry, at, from_middle, k)

@@ -211,7 +211,11 @@ def _exchanged(rows: Rows) -> None:
         (_cell(6, 3, "1400"), ["line 6, column slider3", "0 to 1050 mm"]),
         (_cell(7, 7, "9e9"), ["line 7, column x", "up to 100000"]),
         (_cell(7, 8, "1234.5"), ["line 7, column y: found 1234.5 mm. Allowed: what"]),
-        (_other_frame, ["line 3, column", "a pose of another frame", "turned by", "off by (100."]),
+        (_cell(7, 11, "-9.5"), ["line 7, column psi", "order than Ry(theta) Rx(psi) Rz(phi)"]),
+        (
+            _other_frame,
+            ["line 3, column", "pose of another frame", "turned by", "about (", "by (100."],
+        ),
         (
             _exchanged,
             [

@@ -139,6 +139,7 @@ def test_other_frames_and_mistakes_are_recognised() -> None:
     frame = other_frame(replace(readings, measured=moved), NOMINAL)
     assert frame is not None
     assert frame.turned_deg == pytest.approx(30.0, abs=0.5)
+    assert frame.axis == pytest.approx([0.0, 0.0, 1.0], abs=0.03)
     assert frame.shifted_m == pytest.approx([0.5, -0.2, 1.0], abs=0.02)
     inches = replace(readings, sliders=readings.sliders / 25.4, measured=moved / 25.4)
     assert other_frame(inches, NOMINAL) is None

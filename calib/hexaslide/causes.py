@@ -24,10 +24,11 @@ UNIT_SCALE = 1e-4
 UNIT_GROWTH = 5e-5
 UNIT_LENGTH_M = 2e-5
 UNIT_WAVE_M = 1e-5
-UNIT_FRAME_M = 1e-4
+UNIT_FRAME_M = 1e-3
 UNIT_OF_NOISE = 10.0
 """Unremarkable sizes: of a rail's scale and of growth (in 1), of play, offsets and crookedness, of
-a wave, of another frame, and of a wrong reading in standard deviations of its noise."""
+a wave, of another frame (as of a start: smaller ones would widen every bound, for noise hides
+them), and of a wrong reading in standard deviations of its noise."""
 
 BOW_M = 0.5
 """A rail that is bowed is off by its size so far from the middle of its travel."""

@@ -504,7 +504,7 @@ def test_the_five_minutes_of_the_documentation(tmp_path: Path) -> None:
     assert match is not None
     stated = f"off by {float(match[1]):.2f} mm r.m.s. now, by at most {float(match[2]):.3f} mm"
     assert stated in words
-    verdict = next(text for text in texts if text.startswith("pass"))
+    verdict = next(text for text in texts if text.startswith("PASS"))
     verified = re.search(r"is off by ([\d.]+) mm .* take ([\d.]+) mm", verdict)
     assert verified is not None
     off, bound = (f"{float(figure):.3f} mm" for figure in verified.groups())

@@ -16,7 +16,7 @@ from zipfile import ZipFile
 from calib.errors import RecordError, extra
 from calib.printable import printable
 from calib.quantity import Quantity, quantities
-from protocols.documents import read_bytes
+from protocols.documents import read_bytes, read_text
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -37,6 +37,8 @@ MOST_LETTERS = 32_767
 """In a cell of a workbook: more is cut off by who opens it."""
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+COMMA = re.compile(r"[+-]?\d*,\d+", re.ASCII)
+WORKBOOK, PARQUET = ".xlsx", ".parquet"
 FORMULA = re.compile(r"""["'\s]*[=+\-@]""")
 """A spreadsheet computes a cell that begins so, quotes left out."""
 
@@ -203,6 +205,29 @@ def unprotected(cell: str) -> str:
 
 def _is_quoted(text: str) -> bool:
     return len(text) > 1 and text[0] == text[-1] == "'"
+
+
+def lines_of(path: Path, most_rows: int) -> tuple[Texts, bool]:
+    """Line numbers and fields; whether semicolons stand between them, as with decimal commas.
+
+    Raises RecordError.
+    """
+    if path.suffix.lower() == WORKBOOK:
+        return workbook_rows(path, most_rows), False
+    if path.suffix.lower() == PARQUET:
+        return parquet_rows(path, most_rows - 1), False
+    text = read_text(path, "table")
+    header = next((line for line in text.splitlines() if not line.startswith("#")), "")
+    semicolons = ";" in header and "," not in header
+    lines = csv.reader(
+        StringIO(text, newline=""), strict=True, delimiter=";" if semicolons else ","
+    )
+    try:
+        return [(lines.line_num, values) for values in lines], semicolons
+    except csv.Error as problem:
+        raise RecordError(
+            f"table {path}, line {lines.line_num}", str(problem), "comma separated values"
+        ) from problem
 
 
 def parquet_rows(path: Path, most_rows: int) -> Texts:

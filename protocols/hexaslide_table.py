@@ -6,12 +6,10 @@ has the unit of each: without it nobody can tell inches from millimetres.
 
 from __future__ import annotations
 
-import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from io import StringIO
 from math import degrees
 from pathlib import Path
 from typing import cast
@@ -19,8 +17,7 @@ from typing import cast
 from calib.errors import RecordError
 from calib.hexaslide.geometry import CHAINS
 from calib.hexaslide.procedures import ANGLES, MEASURABLE
-from protocols.data_table import NUMBER, check_separators, csv_text
-from protocols.documents import read_text
+from protocols.data_table import COMMA, NUMBER, check_separators, csv_text, lines_of
 from protocols.hexaslide import MOST_POSTURES, HexaSlideMachine
 from protocols.hexaslide_session import (
     LARGEST,
@@ -72,12 +69,8 @@ def readings_of_table(
     path: Path, machine: HexaSlideMachine, procedure: PostureProcedure
 ) -> PostureTable:
     """A row without any value is left out. Raises RecordError with the line and the column."""
-    text = read_text(path, "table")
-    lines = csv.reader(StringIO(text))
-    try:
-        rows = [(lines.line_num, [cell.strip() for cell in row]) for row in lines if any(row)]
-    except csv.Error as problem:
-        raise RecordError(f"table {path}", str(problem), "comma separated text") from problem
+    lines, semicolons = lines_of(path, MOST_POSTURES + 2)
+    rows = [(line, [cell.strip() for cell in row]) for line, row in lines if any(row)]
     rows = [(line, row) for line, row in rows if not row[0].startswith("#")]
     if rows:
         check_separators(f"table {path}, line {rows[0][0]}", rows[0][1])
@@ -102,7 +95,8 @@ def readings_of_table(
             empty += 1
             continue
         values = {
-            name: _number(path, line, name, cells[name], factor) for name, factor in factors.items()
+            name: _number(path, line, name, cells[name], factor, semicolons)
+            for name, factor in factors.items()
         }
         _check_travel(path, line, values, machine)
         read_lines.append(line)
@@ -172,8 +166,10 @@ def _factors(path: Path, line: int, cells: list[str], header: list[str]) -> dict
     return factors
 
 
-def _number(path: Path, line: int, name: str, cell: str, factor: float) -> float:
+def _number(path: Path, line: int, name: str, cell: str, factor: float, semicolons: bool) -> float:
     subject = f"table {path}, line {line}, column {name}"
+    if semicolons and COMMA.fullmatch(cell):
+        cell = cell.replace(",", ".")
     if not NUMBER.fullmatch(cell):
         next_step = "Write decimals with a point." if "," in cell else ""
         raise RecordError(subject, cell or "an empty cell", "a number", next_step)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
-from io import StringIO
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,16 +16,17 @@ from calib.errors import RecordError
 from calib.printable import counted
 from calib.tripod.geometry import Geometry
 from protocols.data_table import (
+    COMMA,
     NUMBER,
-    Texts,
+    PARQUET,
+    WORKBOOK,
     check_separators,
     csv_text,
-    parquet_rows,
+    lines_of,
     unprotected,
     workbook,
-    workbook_rows,
 )
-from protocols.documents import describe, read_text
+from protocols.documents import describe
 from protocols.machine import Instrument, Machine
 from protocols.procedure import ALL_AXES, SLIDING, Leg, Procedure, default_mount, off_bar
 from protocols.session import (
@@ -74,8 +73,6 @@ NUMBERS = (
     "feed_mm_min",
 )
 
-COMMA = re.compile(r"[+-]?\d*,\d+", re.ASCII)
-WORKBOOK, PARQUET = ".xlsx", ".parquet"
 LARGEST_COUNT = 1_000_000
 MOST_ROWS = 100_000
 LARGEST_NUMBER = 1e9
@@ -262,7 +259,7 @@ def off_bar_words(readings: Sequence[Reading], geometry: Geometry) -> str:
 
 def rows_of_table(path: Path) -> tuple[list[Row], tuple[str, ...]]:
     """Rows of a table, and its columns that nobody knows. Raises RecordError naming the place."""
-    lines, semicolons = _lines(path)
+    lines, semicolons = lines_of(path, MOST_ROWS + 2)
     header = [unprotected(name.strip()) for name in lines[0][1]] if lines else []
     _check_header(path, header)
     filled = [(line, values) for line, values in lines[1:] if any(v.strip() for v in values)]
@@ -275,26 +272,6 @@ def rows_of_table(path: Path) -> tuple[list[Row], tuple[str, ...]]:
         raise RecordError(f"table {path}", count, f"a row for each reading, up to {MOST_ROWS:,}")
     required, optional = _columns(header)
     return rows, tuple(name for name in header if name not in required + optional + MOVED)
-
-
-def _lines(path: Path) -> tuple[Texts, bool]:
-    """Line numbers and fields; whether semicolons stand between them, as with decimal commas."""
-    if path.suffix.lower() == WORKBOOK:
-        return workbook_rows(path, MOST_ROWS + 2), False
-    if path.suffix.lower() == PARQUET:
-        return parquet_rows(path, MOST_ROWS + 1), False
-    text = read_text(path, "table")
-    header = text.partition("\n")[0]
-    semicolons = ";" in header and "," not in header
-    lines = csv.reader(
-        StringIO(text, newline=""), strict=True, delimiter=";" if semicolons else ","
-    )
-    try:
-        return [(lines.line_num, values) for values in lines], semicolons
-    except csv.Error as problem:
-        raise RecordError(
-            f"table {path}, line {lines.line_num}", str(problem), "comma separated values"
-        ) from problem
 
 
 def _check_header(path: Path, header: list[str]) -> None:

@@ -13,7 +13,7 @@ from app.evaluating.hexaslide_calibration import (
 )
 from calib.diagnosis.thresholds import OPEN
 from calib.errors import NotIdentifiable, UsageError
-from calib.hexaslide.causes import MISTAKE, AdoptedEffect
+from calib.hexaslide.causes import MISTAKE, OF_READINGS, AdoptedEffect
 from calib.hexaslide.correction import correction_of
 from calib.hexaslide.diagnosis import (
     FEWEST_SPARE,
@@ -202,7 +202,7 @@ def _chosen(diagnosed: DiagnosedPostures, candidate: str | None) -> Names:
         )
     if candidate is None:
         named_causes = tuple(cause for claim in diagnosis.named for cause in claim.causes)
-        effects = tuple(cause for cause in named_causes if cause[0] != MISTAKE)
+        effects = tuple(cause for cause in named_causes if cause[0] not in OF_READINGS)
         if effects:
             return effects
         mistakes = ", ".join(where for cause, where in named_causes if cause == MISTAKE)
@@ -232,7 +232,7 @@ def _chosen(diagnosed: DiagnosedPostures, candidate: str | None) -> Names:
 def _likely(diagnosed: DiagnosedPostures) -> dict[tuple[str, str], float]:
     """Effects with their weights, the likeliest first; without mistakes."""
     likely = diagnosed.models.likely().items()
-    return {name: weight for name, weight in likely if name[0] != MISTAKE}
+    return {name: weight for name, weight in likely if name[0] not in OF_READINGS}
 
 
 def _refused(diagnosed: DiagnosedPostures, reason: str, thing: str = "--adopt") -> UsageError:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from app.evaluating.hexaslide_calibration import beside_effects, models_without_mistakes
-from calib.hexaslide.causes import MISTAKE
+from calib.hexaslide.causes import OF_READINGS
 from calib.hexaslide.diagnosis import WeighedCauses
 from calib.hexaslide.what_if import PostureTrial
 from protocols.hexaslide import HexaSlideMeasurements
@@ -31,6 +31,6 @@ def causes_to_try(source: HexaSlideMeasurements) -> CausesToTry:
     """
     models = models_without_mistakes(source, beside_effects(source, source.readings(), ()))
     likely = models.likely()
-    names = [(cause.id, cause.where) for cause in models.causes if cause.id != MISTAKE]
+    names = [(cause.id, cause.where) for cause in models.causes if cause.id not in OF_READINGS]
     ordered = sorted(names, key=lambda name: (-likely.get(name, 0.0), name))
     return CausesToTry(source, models, {name: likely.get(name, 0.0) for name in ordered})

@@ -13,7 +13,14 @@ from pathlib import Path
 
 from app.version import program
 from calib.errors import RecordError
-from calib.hexaslide.expectation import Departure, Expectation, explanations, other_frame
+from calib.hexaslide.expectation import (
+    Departure,
+    Expectation,
+    OtherFrame,
+    explanations,
+    other_frame,
+)
+from calib.hexaslide.procedures import ANGLES
 from protocols.hexaslide import HexaSlideMachine
 from protocols.hexaslide_session import (
     POSTURE_FORM,
@@ -36,6 +43,7 @@ from protocols.session import Noted, Skipped, Superseded
 GROSS = 1e-12
 """A table has no row that is less plausible: of 10,000 good ones none is."""
 
+ORDER_OF_TURNS = "turns in another order than Ry(theta) Rx(psi) Rz(phi), "
 INDICATED = ("length",)
 """What an indicator in the link measures; it reads where nothing else is measured."""
 
@@ -323,21 +331,27 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
     if len(gross) > 1 and all(way is not None for _, _, way in gross):
         frame = other_frame(session.measurements().readings(), machine.whole())
     if frame is not None:
-        x, y, z = (1000.0 * frame.shifted_m).tolist()
-        raise RecordError(
-            subject,
-            "a pose of another frame",
-            "poses in the base frame of the machine file",
-            f"All {len(session.readings)} fit a frame that is turned by "
-            f"{frame.turned_deg:.3g}° and whose origin is off by ({x:.1f}, {y:.1f}, {z:.1f}) mm.",
-        )
+        raise _of_another_frame(subject, frame, len(session.readings))
     ways = explanations(expectation, session.only(reading))
-    next_step = "Look for a wrong unit, another machine file, or tolerances that are too small."
+    turns = ORDER_OF_TURNS if column in ANGLES else ""
+    next_step = f"Look for a wrong unit, {turns}another machine file, or tolerances too small."
     if ways:
         next_step = f"As if: {'; '.join(ways)}."
     if len(gross) > 1:
         next_step += f" {len(gross)} of {len(session.readings)} rows are like that."
     raise RecordError(subject, value_words, allowed, next_step)
+
+
+def _of_another_frame(subject: str, frame: OtherFrame, count: int) -> RecordError:
+    x, y, z = (1000.0 * frame.shifted_m).tolist()
+    axis = ", ".join(f"{part:.5f}" for part in frame.axis.tolist())
+    return RecordError(
+        subject,
+        "a pose of another frame",
+        "poses in the base frame of the machine file",
+        f"All {count} are as if turned by {frame.turned_deg:.4f}° about ({axis}), then shifted by "
+        f"({x:.2f}, {y:.2f}, {z:.2f}) mm. Take that back, or set the tracker's frame so.",
+    )
 
 
 def _cell(

@@ -12,20 +12,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import FloatArray
-from calib.hexaslide.geometry import CHAINS, Geometry, HexaSlide, Legs, legs
+from calib.hexaslide.geometry import CHAINS, Geometry, HexaSlide, Legs, legs, rotation
 from calib.hexaslide.procedures import COMPONENTS
 from calib.hexaslide.residuals import Readings, postures_of, read_at
 
-MISTAKE = "wrong_posture"
-"""The cause that is one of the readings, not of the machine."""
+MISTAKE, FRAME = "wrong_posture", "other_frame"
+OF_READINGS = MISTAKE, FRAME
+"""Causes that are of the readings, not of the machine."""
 
 UNIT_SCALE = 1e-4
 UNIT_GROWTH = 5e-5
 UNIT_LENGTH_M = 2e-5
 UNIT_WAVE_M = 1e-5
+UNIT_FRAME_M = 1e-3
 UNIT_OF_NOISE = 10.0
 """Unremarkable sizes: of a rail's scale and of growth (in 1), of play, offsets and crookedness, of
-a wave, and of a wrong reading in standard deviations of its noise."""
+a wave, of another frame (as of a start: smaller ones would widen every bound, for noise hides
+them), and of a wrong reading in standard deviations of its noise."""
 
 BOW_M = 0.5
 """A rail that is bowed is off by its size so far from the middle of its travel."""
@@ -72,8 +75,10 @@ def mistake_at(readings: Readings, row: int) -> tuple[str, str]:
 def mistakes_of(
     readings: Readings, machine: HexaSlide, postures: FloatArray
 ) -> Iterator[HexaSlideCause]:
-    """Every posture may be wrong."""
+    """Places may be measured in another frame, and every posture may be wrong."""
     effects = _Effects(readings, machine, postures)
+    if {*COMPONENTS[:3]} <= {*readings.procedure.read}:
+        yield effects.of_frame(postures)
     for row in range(len(readings.sliders)):
         yield effects.of_posture(row, *mistake_at(readings, row))
 
@@ -88,8 +93,9 @@ def causes_of_machine(
 ) -> Iterator[HexaSlideCause]:
     """Every cause that moves the platform, at every place.
 
-    Scale and bow do nothing where sliders are in the ``middle`` ``(6,)``. Play acts by the ``ways``
-    ``(p, 1)`` by which sliders came, up 1 and down -1; None: as they do from posture to posture.
+    Scale and bow do nothing where sliders are in the ``middle`` ``(6,)``. Of play carriages stay
+    behind on the ``ways`` ``(p, 1)`` by which they came, up 1 and down -1; None: as from posture to
+    posture, up to the first.
     """
     effects = _Effects(readings, machine, postures)
     sliders, at = readings.sliders, legs(machine.geometry, postures)
@@ -105,7 +111,7 @@ def causes_of_machine(
         )
         yield effects.of_sliders(
             *("leg_backlash" if telescopic else "backlash", where, ("play",), "mm"),
-            *(UNIT_LENGTH_M, 1e3, [0.5 * ways * of_rail]),
+            *(UNIT_LENGTH_M, 1e3, [-0.5 * ways * of_rail]),
         )
         if not telescopic:
             yield from _of_rail(effects, machine.geometry, at, from_middle, k)
@@ -177,6 +183,28 @@ class _Effects:
         places = np.stack([change[:, :3].ravel() for change in moved], axis=1)
         carriages = size * np.stack(sliders, axis=-1)
         return HexaSlideCause(cause, where, names, unit, size * shown, columns, places, carriages)
+
+    def of_frame(self, postures: FloatArray) -> HexaSlideCause:
+        """What was measured lies in another frame than the machine: nothing moves. Parameters take
+        over a turn about X.
+        """
+        shifts, turns = np.eye(3), np.eye(3)[1:]
+        angles = postures[:, 3:] * np.array([[[0, 0, 0]], [[1, 0, 0]], [[1, 1, 0]]])
+        axes = [rotation(part)[..., k] for part, k in zip(angles, (1, 0, 2), strict=True)]
+        rates = np.linalg.solve(np.stack(axes, axis=-1), turns.T)
+        moved = np.zeros((self._count, len(COMPONENTS), 5))
+        moved[:, :3, :3] = shifts
+        moved[:, :3, 3:] = np.cross(turns, postures[:, None, :3]).swapaxes(1, 2)
+        moved[:, 3:, 3:] = rates
+        columns = (self._by_posture @ moved / self._noise[:, None]).reshape(-1, 5) * UNIT_FRAME_M
+        places, still = np.zeros((3 * self._count, 5)), np.zeros((self._count, CHAINS, 5))
+        names = (
+            *(f"{name} off" for name in COMPONENTS[:3]),
+            "Y turned, in 1 m",
+            "Z turned, in 1 m",
+        )
+        size = 1e3 * UNIT_FRAME_M
+        return HexaSlideCause(FRAME, "all postures", names, "mm", size, columns, places, still)
 
     def of_posture(self, row: int, cause: str, where: str) -> HexaSlideCause:
         """All values of a posture wrong: a mistake, which moves nothing."""

@@ -183,11 +183,12 @@ def explanations(
 
 @dataclass(frozen=True, eq=False)
 class OtherFrame:
-    """How the frame of measured places lies in that of the machine: turned by ``turned_deg`` and
-    shifted by ``shifted_m`` ``(3,)``.
+    """What makes the machine's places the measured ones: a turn by ``turned_deg`` about the unit
+    vector ``axis`` ``(3,)``, then a shift by ``shifted_m`` ``(3,)``.
     """
 
     turned_deg: float
+    axis: FloatArray
     shifted_m: FloatArray
 
 
@@ -213,4 +214,6 @@ def other_frame(readings: Readings, machine: HexaSlide) -> OtherFrame | None:
     cosine = (np.trace(turn) - 1.0) / 2.0
     shift = far - turn.T @ centre
     turned = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
-    return OtherFrame(turned, np.asarray(shift))
+    skew = np.array([turn[1, 2] - turn[2, 1], turn[2, 0] - turn[0, 2], turn[0, 1] - turn[1, 0]])
+    axis = np.linalg.eigh(turn + turn.T)[1][:, -1]  # also of half a turn, which has no skew part
+    return OtherFrame(turned, axis * np.copysign(1.0, axis @ skew), np.asarray(shift))

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtrc, chdtri
 
 from calib.arrays import FloatArray, without
 from calib.errors import UnreachablePosture
@@ -42,6 +42,10 @@ quasirandom sequences, 2018."""
 SEED = 0
 FRAMES = 1e-9
 """Singular values, by the largest, of frames that move places."""
+
+CERTAIN, HALVINGS = 1e-8, 60
+"""Least variance of a mean square, over its own square; how often the interval of a quantile is
+halved."""
 
 OUTSIDE = 0.05
 """One machine in twenty may be off by more than the bound."""
@@ -162,15 +166,19 @@ def platform_error(reference: HexaSlide, calibrated: Calibration) -> PlatformErr
 
 
 def quantile_m(weights: FloatArray, squares: FloatArray) -> float:
-    """The quantile of an r.m.s. whose square has, in models of these ``weights`` ``(m,)``, means
-    and variances ``(m, 2)``.
+    """The quantile of an r.m.s. whose square has, in models of these ``weights`` ``(m,)``, together
+    1, means and variances ``(m, 2)``.
 
-    The mean square is a sum of squares of normal values; its quantile is that of a multiple of chi
-    square with the same mean and variance (Satterthwaite).
+    A mean square is a sum of squares of normal values: taken as a multiple of chi square with the
+    same mean and variance (Satterthwaite). No such multiple has the long tail of a mixture: there
+    a model of little weight, off by much, would make the quantile smaller.
     """
-    mean = float(weights @ squares[:, 0])
-    variance = float(weights @ (squares[:, 1] + squares[:, 0] ** 2)) - mean**2
-    if mean <= 0.0 or variance <= 0.0:
-        return math.sqrt(max(mean, 0.0))
-    degrees = 2.0 * mean**2 / variance
-    return float(np.sqrt(mean * chdtri(degrees, OUTSIDE) / degrees))
+    mean = np.maximum(squares[:, 0], np.finfo(float).tiny)
+    degrees = 2.0 / np.maximum(squares[:, 1] / mean**2, CERTAIN)
+    ends = mean * chdtri(degrees, OUTSIDE) / degrees
+    low, high = float(ends.min()), float(ends.max())
+    for _ in range(HALVINGS):
+        half = (low + high) / 2.0
+        inside = float(weights @ chdtrc(degrees, degrees * half / mean)) < OUTSIDE
+        low, high = (low, half) if inside else (half, high)
+    return math.sqrt(high)

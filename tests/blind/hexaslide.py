@@ -130,7 +130,7 @@ def moved(true: Plain, goal: Array, cause: Hidden) -> Array:
     ways = np.sign(np.diff(goal[:, k], prepend=goal[0, k] - 1.0))
     of_rail = {
         "rail_scale": np.outer(size * way, rail),
-        "backlash": np.outer(0.5 * size * ways, rail),
+        "backlash": np.outer(-0.5 * size * ways, rail),
         "rail_wave": np.outer(size * np.sin(2 * np.pi * goal[:, k] / LEAD_M + cause.angle), rail),
         "straightness": np.outer(size * (way / 0.5) ** 2, bowed),
     }

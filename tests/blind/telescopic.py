@@ -74,7 +74,7 @@ def moved(readings: Array, cause: str, leg: int, size: float) -> Array:
         true[:, leg] += size * SCALE * (readings[:, leg] - readings[:, leg].mean())
     elif cause == "leg_backlash":
         ways = np.sign(np.diff(readings[:, leg], prepend=readings[0, leg] - 1.0))
-        true[:, leg] += 0.5 * size * PLAY_M * ways
+        true[:, leg] -= 0.5 * size * PLAY_M * ways
     elif cause == "thermal_growth":
         grown = np.linspace(0.0, size * GROWTH, len(readings))[:, None]
         true += grown * (readings + PLAIN.zero)

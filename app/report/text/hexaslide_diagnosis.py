@@ -26,6 +26,7 @@ TITLES = {
     "joint_offset": "axes of the universal joint on {} that do not meet",
     "straightness": "{} that is bowed",
     "thermal_growth": "growth of {} with time",
+    "other_frame": "{} measured in another frame than the machine's",
     "wrong_posture": "{} read or taken wrong",
 }
 VERDICTS = {

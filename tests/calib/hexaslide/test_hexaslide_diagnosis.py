@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from calib.errors import NotIdentifiable
-from calib.hexaslide.diagnosis import diagnosed
+from calib.hexaslide.correction import correction_of
+from calib.hexaslide.diagnosis import diagnosed, weighed
 from protocols.hexaslide import load_hexaslide
 from tests.blind.hexaslide import LEAD_M, POSTURES, Hidden, Plain, case, measured
-from tests.conftest import LONG
+from tests.blind.hexaslide_correction import off_mm
+from tests.conftest import LONG, first_quick
 
 FILE = load_hexaslide()
 SEEN = (
@@ -39,10 +42,41 @@ def test_what_shows_is_named_with_its_size(kind: str, what: Hidden) -> None:
     if what.cause in ("rail_scale", "backlash"):
         (size,) = diagnosis.sizes
         assert size.value == pytest.approx(1e3 * what.size, abs=4.0 * size.standard_uncertainty)
-        assert size.standard_uncertainty < 0.5 * size.value
+        assert 0.0 < size.standard_uncertainty < 0.5 * size.value
         assert diagnosis.platform_m > 1e-7
     if kind == "position":
         assert len(diagnosis.unidentifiable) == 3
+
+
+SHIFT_MM, TURN_MRAD = (3.0, -2.0, 4.0), (0.0, 2.0, -1.5)
+
+
+@pytest.mark.parametrize("kind", first_quick(("position", "pose-forward")))
+def test_another_frame_of_the_tracker_is_named_and_bends_no_parameter(kind: str) -> None:
+    """Shifted and turned by so little that no posture alone departs from what is expected."""
+    chance = np.random.default_rng(4)
+    true = Plain(FILE, chance)
+    readings = measured(true, FILE, kind, NOTHING, chance)
+    turn, values = Rotation.from_rotvec(1e-3 * np.array(TURN_MRAD)), readings.measured.copy()
+    values[:, :3] = turn.apply(values[:, :3]) + 1e-3 * np.array(SHIFT_MM)
+    if kind == "pose-forward":
+        values[:, 3:] = (turn * Rotation.from_euler("YXZ", values[:, 3:])).as_euler("YXZ")
+    tolerances = FILE.tolerances.of(readings.procedure.parameters)
+    in_frame = replace(readings, measured=values)
+    diagnosis = diagnosed(in_frame, FILE.whole(), tolerances, LEAD_M)
+    assert diagnosis.verdict == "explained"
+    assert [claim.causes for claim in diagnosis.named] == [(("other_frame", "all postures"),)]
+    assert diagnosis.wrong_postures == ()
+    stated = (*SHIFT_MM, *TURN_MRAD[1:])
+    for size, value in zip(diagnosis.sizes, stated, strict=True):
+        assert size.unit == "mm"
+        assert size.value == pytest.approx(value, abs=4.0 * size.standard_uncertainty)
+    correction = correction_of(weighed(in_frame, FILE.whole(), tolerances, LEAD_M), FILE.whole())
+    assert correction is not None
+    assert correction.platform.bound_m is not None
+    middle = readings.sliders.mean(axis=0)
+    off = off_mm(correction.machine, true, NOTHING, middle, diagnosis.unidentifiable)
+    assert off <= 1e3 * correction.platform.bound_m < 1.5
 
 
 def test_sound_machines_are_not_accused() -> None:

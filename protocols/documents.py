@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import date
 from difflib import get_close_matches
 from pathlib import Path
@@ -119,10 +119,20 @@ def _keys_for(problem: ValidationError, kind: type[BaseModel]) -> str:
     return f"docs/schemas/{schema.replace('/', '-')}.json lists the {len(keys)} keys"
 
 
-def read_json(path: Path, kind: type[D], subject: str, requirement: str, next_step: str = "") -> D:
-    """The document in a JSON file. Raises RecordError naming the file, the place and the value."""
+def read_json(
+    path: Path,
+    kind: type[D],
+    subject: str,
+    requirement: str,
+    next_step: str = "",
+    renewed: Callable[[str], str] = str,
+) -> D:
+    """The document in a JSON file, its text first ``renewed`` to what the program writes today.
+
+    Raises RecordError naming the file, the place and the value.
+    """
     try:
-        return kind.model_validate_json(read_text(path, subject))
+        return kind.model_validate_json(renewed(read_text(path, subject)))
     except ValidationError as problem:
         fault = describe(problem)
         raise RecordError(

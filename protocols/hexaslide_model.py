@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Literal
 
@@ -11,14 +12,17 @@ from protocols.documents import Document, read_json
 from protocols.effect_entries import EffectEntry, HistoryEntry
 from protocols.hexaslide import HexaSlideMachine
 
+KIND = "glidecal.hexaslide-model"
+PLAYS = ("backlash", "leg_backlash")
+
 
 class HexaSlideModel(Document):
     """A machine with its parameters as they were fitted beside the adopted effects, and how these
     came and went. What a controller is to hold is not this machine, but the exported one.
     """
 
-    schema_id: Literal["glidecal.hexaslide-model/1"] = Field(
-        alias="schema", default="glidecal.hexaslide-model/1"
+    schema_id: Literal["glidecal.hexaslide-model/2"] = Field(
+        alias="schema", default="glidecal.hexaslide-model/2"
     )
     machine: HexaSlideMachine
     effects: tuple[EffectEntry, ...] = ()
@@ -30,5 +34,22 @@ class HexaSlideModel(Document):
 
 
 def read_hexaslide_model(path: Path) -> HexaSlideModel:
-    """A model file as it stands. Raises RecordError naming the file and the fault."""
-    return read_json(path, HexaSlideModel, "model", "schema glidecal.hexaslide-model/1")
+    """A model file in the newest form. Raises RecordError naming the file and the fault."""
+    schema = "schema glidecal.hexaslide-model/2"
+    return read_json(path, HexaSlideModel, "model", schema, renewed=_renewed)
+
+
+def _renewed(text: str) -> str:
+    """Form 1 had play negative where a carriage stays behind; what is no such file stays."""
+    try:
+        content = json.loads(text)
+        if content["schema"] != f"{KIND}/1":
+            return text
+        changes = [line["effect"] for line in content.get("history", ())]
+        for effect in (*content.get("effects", ()), *changes):
+            if effect["id"] in PLAYS:
+                for parameter in effect["parameters"].values():
+                    parameter["value"] = -parameter["value"]
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return text
+    return json.dumps(content | {"schema": "glidecal.hexaslide-model/2"})

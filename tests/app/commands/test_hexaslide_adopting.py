@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calib.errors import RecordError
 from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.residuals import Readings
 from protocols.hexaslide_model import read_hexaslide_model
@@ -61,6 +62,25 @@ def test_what_is_named_is_adopted_with_its_size(scaled: Measured) -> None:
     assert entry.provenance is not None
     assert entry.provenance.verdict == "explained"
     assert [line.action for line in model.history] == ["added"]
+
+
+def test_play_of_an_older_model_file_keeps_its_way(scaled: Measured, tmp_path: Path) -> None:
+    """Until form 1 it was negative where a carriage stays behind."""
+    content = json.loads(scaled.model.read_text(encoding="utf-8"))
+    play = {"value": -0.1, "unit": "mm"}
+    effect = {"id": "backlash", "where": "rail 2", "parameters": {"play": play}}
+    content["schema"], (old,) = "glidecal.hexaslide-model/1", content["effects"]
+    content["effects"] = [old, effect]
+    content["history"].append({**content["history"][0], "effect": effect})
+    (older := tmp_path / "older.json").write_text(json.dumps(content), encoding="utf-8")
+    model = read_hexaslide_model(older)
+    assert model.schema_id == "glidecal.hexaslide-model/2"
+    assert model.effects[0].parameters["scale"].value == old["parameters"]["scale"]["value"]
+    for entry in (model.effects[1], model.history[1].effect):
+        assert entry.parameters["play"].value == 0.1
+    older.write_text("{}", encoding="utf-8")
+    with pytest.raises(RecordError, match="model"):
+        read_hexaslide_model(older)
 
 
 def test_beside_the_model_nothing_is_missing(scaled: Measured) -> None:

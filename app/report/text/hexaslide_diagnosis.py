@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from app.evaluating.hexaslide import PostureResult
 from app.evaluating.hexaslide_adoption import Adoption, DiagnosedPostures
 from app.report.text.effect_entries import history_words, origin_lines, size_lines
 from app.report.text.tables import new_table, paragraphs, result_table
@@ -15,6 +15,9 @@ from calib.hexaslide.diagnosis import CauseSize, HexaSlideDiagnosis, Names
 from calib.hexaslide.platform import PlatformError
 from protocols.data_table import DataTable
 from protocols.hexaslide_model import HexaSlideModel
+
+if TYPE_CHECKING:  # sessions come with it, which not every result has
+    from app.evaluating.hexaslide import PostureResult
 
 TITLES = {
     "rail_scale": "scale of {}",

@@ -273,7 +273,7 @@ TOLD: dict[int, dict[str, tuple[float, ...]]] = {
             *(0.04202, -0.12884, 0.08668, 0.1441, 0.13841, 0.13903),
             *(0.35398, 0.35069),
         ),
-        POSTURES: (3.27843, 0.01864),
+        POSTURES: (3.27843, 0.01857),
     }
 }
 """By `RESULTS`: offsets x, y, z, their half widths, the tool now and after, mm; of postures the

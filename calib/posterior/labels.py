@@ -44,6 +44,9 @@ RACED = 4
 DOUBTED = 5.0
 """Of log evidence below the best: what is less likely than that is not tried."""
 
+HOPELESS = 12.0
+"""Of log weight below the best: of such sessions no other machine is tried."""
+
 ROUGH = 20.0
 """The same below no mistake: how far an exchange beside the plain model alone may be off."""
 
@@ -313,14 +316,11 @@ def with_mistakes(
     looked for in the readings that the likeliest ones before leave, of the likeliest way; what was
     put right is so in the others, too.
     """
-    explanations = [
-        replace(solve(way.sessions, way.with_play), log_prior=way.log_prior, mistakes=way.mistakes)
-        for way in ways
-    ]
+    explained = _explained(ways, solve)
+    explanations = [solved for _, solved in explained]
     depart = [bool(departures_mm(cells.visited)) for cells in ways[0].sessions]
-    number = max(range(len(ways)), key=lambda k: explanations[k].log_weight)
-    start = ways[number]
-    best, now, with_play = explanations[number], list(start.sessions), start.with_play
+    start, best = max(explained, key=lambda entry: entry[1].log_weight)
+    now, with_play = list(start.sessions), start.with_play
     for _ in range(MOST):
         candidates = []
         for number, cells in enumerate(now):
@@ -341,7 +341,7 @@ def with_mistakes(
             break
         best, now = better
     put_right = best.mistakes[len(start.mistakes) :]
-    for way in ways:
+    for way, _ in explained:
         if put_right and way is not start and _of_same_visits(way, start):
             right = [
                 Cells.of_visits(cells.case, changed.visited)
@@ -353,9 +353,28 @@ def with_mistakes(
     return sorted(explanations, key=lambda explanation: -explanation.log_weight)
 
 
+def _explained(
+    ways: Sequence[Way], solve: Callable[[Sequence[Cells], bool], Solved[Solution]]
+) -> list[tuple[Way, Solved[Solution]]]:
+    """Each way with what may be true of it, but for machines of which the same visits had no chance
+    beside others before.
+    """
+    explained: list[tuple[Way, Solved[Solution]]] = []
+    for way in ways:
+        alike = [solved.log_weight for other, solved in explained if _of_same_visits(other, way)]
+        best = max((solved.log_weight for _, solved in explained), default=0.0)
+        if alike and max(alike) < best - HOPELESS:
+            continue
+        solved = solve(way.sessions, way.with_play)
+        solved = replace(solved, log_prior=way.log_prior, mistakes=way.mistakes)
+        explained.append((way, solved))
+    return explained
+
+
 def _of_same_visits(first: Way, second: Way) -> bool:
-    """Whether sessions came about by the same movements; machines may differ."""
-    return first.mistakes == second.mistakes and all(
+    """Whether sessions came about by the same movements and zeros; machines may differ."""
+    return all(
         np.array_equal(a.visited.movement, b.visited.movement)
+        and np.array_equal(a.visited.mount, b.visited.mount)
         for a, b in zip(first.sessions, second.sessions, strict=True)
     )

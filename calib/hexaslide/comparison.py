@@ -72,7 +72,7 @@ class MeasuredMachine:
         """More than noise is left: everything is known so much worse."""
         lack_of_fit = self.calibrated.lack_of_fit or 1.0
         if self.models is not None:
-            lack_of_fit = self.models.mean_square(self.models.entries[0])[0]
+            lack_of_fit = self.models.excess
         return float(max(1.0, lack_of_fit) ** 0.5)
 
 

@@ -83,7 +83,7 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
     bound_m = None
     if places.shows_all(calibrated):
         bound_m = quantile_m(models.weights, np.array(squares))
-        bound_m *= max(1.0, models.mean_square(models.entries[0])[0]) ** 0.5
+        bound_m *= models.excess**0.5
     parameters = calibrated.parameters + models.tolerances * change
     entered_machine = machine.with_parameters(names, parameters)
     return HexaSlideCorrection(
@@ -101,7 +101,7 @@ def known_of(
     ``(m, k)`` by its parameters: as they are expected over all models, or as they are ``stated``.
     """
     scaled = slopes * models.tolerances
-    square = max(1.0, models.mean_square(models.entries[0])[0])
+    square = models.excess
     by_noise = ((scaled @ (models.directions / models.sizes)) ** 2).sum(axis=1)
     given_way = scaled @ models.given_way
     means, variances = [], []

@@ -19,6 +19,7 @@ from calib.diagnosis.thresholds import AGREED, OPEN, SURE
 from calib.errors import NotIdentifiable
 from calib.hexaslide.calibration import Calibration, calibrate
 from calib.hexaslide.causes import (
+    MISTAKE,
     AdoptedEffect,
     HexaSlideCause,
     causes_of_machine,
@@ -38,6 +39,9 @@ from calib.stats import UNLIKELY, variance_ratio_p_value
 
 FEWEST_SPARE = 8
 """Readings beyond the parameters that they determine: fewer tell no cause from another."""
+
+SETTLED = 1.01
+"""Below this mean square of what is left, noise that was not stated is as large as that."""
 
 Names = tuple[tuple[str, str], ...]
 """Ids of causes with their places, sorted."""
@@ -107,6 +111,9 @@ class WeighedCauses:
     Effects that are ``adopted`` are in all of this at the sizes that they have in their model,
     ``stated`` ``(c,)`` in unremarkable sizes for the columns of all causes. ``free`` tells of each
     entry what such sizes differ by, and is a part of all of them.
+
+    Where no model explains what is left of the stated noise, ``readings`` have one that is as large
+    as that, ``noise_times`` the stated one: false causes would else explain it.
     """
 
     readings: Readings
@@ -126,6 +133,7 @@ class WeighedCauses:
     adopted: tuple[AdoptedEffect, ...]
     stated: FloatArray
     free: RaceEntry
+    noise_times: float = 1.0
 
     @property
     def spare(self) -> int:
@@ -159,9 +167,19 @@ class WeighedCauses:
         return _sizes(self.race, entry)
 
     def mean_square(self, entry: RaceEntry) -> tuple[float, float]:
-        """What parameters and a model leave, in variances of the noise, and its p-value."""
+        """What parameters and a model leave, in variances of the stated noise, and its p-value."""
         remainder = self.whitened - self.columns(entry) @ self.values(entry)[0]
-        return _mean_square(remainder, self.axes, self.spare)
+        return _mean_square(self.noise_times * remainder, self.axes, self.spare)
+
+    @property
+    def stated_readings(self) -> Readings:
+        """With the stated noise."""
+        return self.readings.noisier(1.0 / self.noise_times)
+
+    @property
+    def excess(self) -> float:
+        """Variance of what the heaviest model leaves by that of `readings`, at least 1."""
+        return max(1.0, self.mean_square(self.entries[0])[0] / self.noise_times**2)
 
     def names(self, entry: RaceEntry) -> Names:
         """What a model has beside adopted effects."""
@@ -250,6 +268,32 @@ def weighed(
 
     Raises NotIdentifiable without stated noise, and as `calibrate`.
     """
+    times = 1.0
+    while True:
+        noisy = readings.noisier(times)
+        models = _weighed(noisy, nominal, tolerances, lead_m, adopted, middle)
+        if not models.entries:
+            break
+        square, p_value = models.mean_square(models.entries[0])  # still in this noise
+        if p_value >= UNLIKELY if times == 1.0 else square < SETTLED:
+            break
+        times *= square**0.5
+    causes = tuple(
+        replace(cause, size=times * cause.size) if cause.id == MISTAKE else cause
+        for cause in models.causes
+    )
+    return replace(models, noise_times=times, causes=causes)
+
+
+def _weighed(
+    readings: Readings,
+    nominal: HexaSlide,
+    tolerances: FloatArray,
+    lead_m: float | None,
+    adopted: Sequence[AdoptedEffect],
+    middle: FloatArray | None,
+) -> WeighedCauses:
+    """The same by the noise that the readings have."""
     if readings.noise_m is None:
         raise NotIdentifiable(
             "diagnosis", "no stated noise", "noise_mm and noise_deg in the procedure file"

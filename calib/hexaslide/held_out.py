@@ -44,7 +44,7 @@ def left_out_gap(models: WeighedCauses, names: Names) -> LeftOutGap | None:
         for number, columns in enumerate((of_model, of_model | of_names)):
             errors = _missed(models, scaled[:, columns], out)
             squares[number] += errors @ errors
-    before, after = np.sqrt(squares / len(models.whitened)).tolist()
+    before, after = (models.noise_times * np.sqrt(squares / len(models.whitened))).tolist()
     return LeftOutGap(before, after)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +92,11 @@ class Readings:
             self.angle_noise_rad,
             tuple(self.number(int(row)) for row in np.flatnonzero(rows)),
         )
+
+    def noisier(self, times: float) -> Readings:
+        """The same with so many times the noise."""
+        noise_m, noise_rad = times * self.length_noise_m, times * self.angle_noise_rad
+        return replace(self, length_noise_m=noise_m, angle_noise_rad=noise_rad)
 
     def without(self, numbers: Collection[int]) -> Readings:
         """All postures but those of these numbers."""

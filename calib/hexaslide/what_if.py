@@ -105,6 +105,7 @@ class PostureTrial:
         """With these sizes ``(r,)``, in the unit of the cause."""
         sizes = np.array(values)
         remainder = without(self.models.axes, self.models.whitened) - self.columns @ sizes
+        remainder *= self.models.noise_times
         spare = max(self.models.spare, 1)
         ratio = float(remainder @ remainder) / spare
         by_posture = (remainder**2).reshape(len(self.models.readings.sliders), -1).mean(axis=1)

@@ -209,8 +209,7 @@ def caveats(document: HexaSlideCalibrationReport) -> list[str]:
         ratio = math.sqrt(document.lack_of_fit.statistic or 0.0)
         lines.append(
             f"WARNING: what is left is {ratio:.1f} times the stated noise: a wrong reading, a "
-            "noise that is stated too small, or something that the model does not have. The "
-            "uncertainties below do not count it."
+            "noise that is stated too small, or something that the model does not have."
         )
     elif document.noise.length_mm is None:
         lines.append(

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calib.hexaslide.checked import PAIRS, inner_lengths
-from calib.hexaslide.correction import lengths_of
-from calib.hexaslide.diagnosis import weighed
+from calib.hexaslide.correction import correction_of, lengths_of
+from calib.hexaslide.diagnosis import diagnosis_from, weighed
 from protocols.hexaslide import load_hexaslide
 from tests.blind.hexaslide import LEAD_M, POSTURES, Array, Hidden, Plain, hidden, measured
 from tests.blind.hexaslide_correction import Remaining, remaining
@@ -83,3 +83,23 @@ def worse(machine: Remaining) -> bool:
 
 def rms(values: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+def test_noise_that_is_stated_too_small_bends_nothing() -> None:
+    """A fifth is stated: three good postures were left out, and the bound was too small."""
+    file, ratios = load_hexaslide(), []
+    for seed in range(4):
+        chance = np.random.default_rng(300 + seed)
+        readings = measured(Plain(file, chance), file, "pose-forward", Hidden(None), chance)
+        tolerances = file.tolerances.of(readings.procedure.parameters)
+        bounds = []
+        for stated in (readings, readings.noisier(0.2)):
+            models = weighed(stated, file.whole(), tolerances, LEAD_M)
+            correction = correction_of(models, file.whole())
+            assert correction is not None
+            bounds.append(correction.platform.bound_m or np.nan)
+        diagnosis = diagnosis_from(models)
+        assert (diagnosis.verdict, diagnosis.named) == ("unexplained", ())
+        assert diagnosis.gap_before > 15.0, "in variances of the stated noise"
+        ratios.append(bounds[1] / bounds[0])
+    assert 0.8 < min(ratios) < max(ratios) < 1.4

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import math
 import re
 from collections.abc import Iterable
 from io import StringIO
@@ -151,6 +152,11 @@ class Tolerances(Document):
     joint_mm: Tolerance = 1.0
     link_mm: Tolerance = 1.0
     constraint_link_mm: Tolerance = 1.0
+
+    @property
+    def slider_mm(self) -> float:
+        """Standard deviation of where a slider is for a posture, about."""
+        return math.hypot(self.start_mm, self.joint_mm, self.link_mm)
 
     def of(self, names: Iterable[str]) -> FloatArray:
         """Standard deviations ``(k,)`` of parameters; what encoders read too much is not known."""

@@ -39,6 +39,9 @@ EXAMPLE, EXAMPLE_NAME = "hexaslide-h60.toml", "hexaslide"
 MOST_MOVED = 1000
 """More postures would take hours."""
 
+ROOM = 3.0
+"""Standard deviations of a slider between a posture and the end of its travel."""
+
 AS_IS = "With --as-is postures are judged wherever they are."
 
 
@@ -112,6 +115,10 @@ def asked_postures(
         raise UsageError("--count", "none", "how many postures to find, or a --posture-file")
     if count > MOST_MOVED:
         raise UsageError("--count", f"{count}", f"{MOST_MOVED} postures at most")
+    if search.given is None and search.space != "joints":
+        # so that the calibrated machine has the postures, too
+        room_mm = ROOM * load_hexaslide(request.machine_file).tolerances.slider_mm
+        planned = replace(planned, machine=planned.machine.with_room(room_mm / 1000.0))
     return _searched(planned, count, search)
 
 

@@ -36,6 +36,10 @@ the end of its travel may pass it by so much.
 """
 
 
+MOST_ROOM = 0.1
+"""Share of a travel."""
+
+
 @dataclass(frozen=True, eq=False)
 class Geometry:
     """Six chains in metres: ``base`` ``(6, 3)`` where the rails start, in the base frame; ``rails``
@@ -278,6 +282,12 @@ class HexaSlide:
             link = ConstraintLink(ends[:3], ends[3:], by_name[LENGTH_NAME])
         zeros = np.array([by_name[name] for name in ZERO_NAMES])
         return replace(self, geometry=geometry, link=link, zeros_rad=zeros)
+
+    def with_room(self, room_m: float) -> HexaSlide:
+        """The ends of its travel so far inside, by `MOST_ROOM` of it at most."""
+        least, greatest = self.travel_m
+        room = np.minimum(room_m, MOST_ROOM * (greatest - least))
+        return replace(self, travel_m=np.array([least + room, greatest - room]))
 
     def within(self, sliders: FloatArray, beyond_m: float = ROUNDING) -> NDArray[np.bool_]:
         """Which sliders ``(p, 6)`` are between the ends of their rails, or no farther beyond."""

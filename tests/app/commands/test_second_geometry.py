@@ -99,6 +99,14 @@ def test_the_exported_machine_is_where_its_readings_say(measured: tuple[Path, Pa
         assert posture[:3] == pytest.approx(reading.values, abs=0.04)
 
 
+def test_postures_leave_the_calibrated_machine_room(measured: tuple[Path, Path]) -> None:
+    """With a slider at an end of its travel the calibrated machine was refused its postures."""
+    session, _ = measured
+    readings = read_postures(session)[0].readings
+    sliders_mm = np.array([reading.sliders_mm for reading in readings])
+    assert 5.1 < sliders_mm.min() < sliders_mm.max() < 614.9
+
+
 def test_no_machine_verifies_another_one(measured: tuple[Path, Path], tmp_path: Path) -> None:
     hexaslide, page = tmp_path / "h.jsonl", tmp_path / "r.html"
     run = ("run", "--machine", "hexaslide", "--simulated", "--protocol", "position", "-o")

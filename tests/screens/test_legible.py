@@ -94,7 +94,7 @@ async def test_a_result_opens_on_the_numbers_to_enter_and_the_next_step(
         screen_rows = rows(interface.screen)
         first = [
             next(k for k, row in enumerate(screen_rows) if row.lstrip().startswith(words))
-            for words in ("value ", "d_rho_x", "d_rho_z", "Tool error", "now ", "after ", "Next: D")
+            for words in ("enter ", "d_rho_x", "d_rho_z", "Tool error", "now ", "after ", "Next: D")
         ]
         assert first == sorted(first)
         assert interface.screen.query_one("#result VerticalScroll").max_scroll_y == 0, (

@@ -291,10 +291,14 @@ class _Report:
         lawful = math.fsum(model.weight for model in models if likely.keys() & {*model.members})
         if self.answer.verdict not in WITH_RESIDUALS or lawful <= EVEN * self.claims.missing:
             return None
-        beside = after or self.before
         law = descending([*likely], likely.__getitem__)[0]
-        finding = self._finding((law,), likely[law], adopted, beside.rms_mm(beside.left))
-        if finding.gap_rms_after_mm >= finding.gap_rms_before_mm:
+        # names that are only a guess may already do what the law does
+        for beside, named in ((after or self.before, adopted), (self.before, ())):
+            finding = self._finding((law,), likely[law], named, beside.rms_mm(beside.left))
+            if finding.gap_rms_after_mm < finding.gap_rms_before_mm:
+                adopted = named
+                break
+        else:
             return None
         together = (*adopted, *finding.effects)
         if self.others:

@@ -270,7 +270,16 @@ def test_the_known_model_goes_on_without_a_question(tmp_path: Path, samples: Pat
     session = samples / "simulated_sweep.jsonl"
     first = ("diagnose", session, "--adopt", model, "--candidate", "actuator_scale:all")
     assert glidecal(*first).status == 0
-    again = ("diagnose", session, "--model", model, "--adopt", model, "--candidate", "gravity_sag:y")
+    again = (
+        "diagnose",
+        session,
+        "--model",
+        model,
+        "--adopt",
+        model,
+        "--candidate",
+        "gravity_sag:y",
+    )
     assert glidecal(*again).status == 0
     text = glidecal("model", model).out
     assert "actuator_scale (all)" in text

@@ -156,7 +156,7 @@ def bounds_mm(posterior: Posterior) -> list[float]:
 @LONG
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_right_name_lowers_the_bound_and_a_certain_one_changes_nothing(seed: int) -> None:
-    doubtful = posterior([case(SHORT, EffectInstance(LAWS["backlash"], "z", (0.03,)), seed=seed)])
+    doubtful = posterior([case(SHORT, EffectInstance(LAWS["backlash"], "z", (0.02,)), seed=seed)])
     name = Named("backlash", "z")
     claims = Claims.of(doubtful)
     assert claims.answer().verdict == "ambiguous"

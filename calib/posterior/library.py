@@ -11,7 +11,6 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -81,18 +80,6 @@ class Component:
     def shares(self) -> tuple[Share, ...]:
         """Laws at places, and which of the values act there."""
         return self.candidate.shares if self.candidate else ()
-
-    @cached_property
-    def one_sided(self) -> tuple[int, ...]:
-        """Which of the values no machine has below 0."""
-        return tuple(
-            dict.fromkeys(
-                value
-                for share in self.shares
-                for value, parameter in zip(share.values, share.effect.parameters, strict=True)
-                if parameter.least == 0.0
-            )
-        )
 
     def with_values(self, squares: FloatArray) -> Component:
         """The same with values of one size, of these mean squares ``(r,)``."""

@@ -27,7 +27,7 @@ from calib.posterior.race import LOG_CAUSES, SCALES, Key, Products, Race, RaceEn
 from calib.posterior.readings import LENGTHS, Placed, Rows
 from calib.posterior.tool import laws_held, tool_field
 from calib.tripod.effects.drives import Backlash
-from calib.tripod.effects.effect import Effect
+from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
 
@@ -317,11 +317,33 @@ class PosteriorProblem:
         members = entry.members, entry.scales, 0.0
         return Weighted(*members, fit.mean, fit.base, fit.sizes, inflated, self.everywhere)
 
+    @cached_property
+    def _one_sided(self) -> list[list[int]]:
+        """Of each component the values that no machine has below 0.
+
+        Beside an effect that the model has already, less of it is possible.
+        """
+        acting = {
+            (instance.effect.id, instance.place)
+            for cells in self.sessions
+            for instance in cells.case.model.effects
+            if isinstance(instance, EffectInstance)
+        }
+        return [
+            [
+                value
+                for share in component.shares
+                for value, parameter in zip(share.values, share.effect.parameters, strict=True)
+                if parameter.least == 0.0 and (share.effect.id, share.place) not in acting
+            ]
+            for component in self.components
+        ]
+
     def _log_possible(self, model: Weighted) -> float:
         """Sizes that no machine has below 0 have half a normal as prior, twice as high there."""
         at, log = len(model.base), 0.0
         for k in model.members:
-            for place in (at + value for value in self.components[k].one_sided):
+            for place in {at + value for value in self._one_sided[k]}:
                 deviation = math.sqrt(float(model.variance_at(slice(place, place + 1))[0]))
                 chance = float(ndtr(model.mean[place] / deviation))
                 log += math.log(2.0 * max(chance, NEVER))

@@ -57,6 +57,15 @@ def test_a_wrong_size_of_the_model_is_found_again(observed: object) -> None:
     assert u_mm == pytest.approx(value_and_deviation(without, (PLAY, "z"))[1], rel=0.2)
 
 
+def test_less_play_than_the_model_holds_is_named() -> None:
+    """No machine has play below 0; beside 0.04 mm of the model it may have 0.02 mm less."""
+    session = case(SWEEP, EffectInstance(PLAY, "z", (0.02,)), seed=4)
+    answer = posterior([adopted(session, EffectInstance(PLAY, "z", (0.04,)), held=True)])
+    assert answer.places["backlash", "z"] > 0.9
+    middle_mm, u_mm = value_and_deviation(answer, (PLAY, "z"))
+    assert abs(middle_mm - 0.02) < 4.0 * u_mm
+
+
 @LONG
 def test_sizes_of_held_out_sessions_are_those_of_the_others() -> None:
     """The size that the model states would leave a gap there."""

@@ -356,19 +356,31 @@ def with_mistakes(
 def _explained(
     ways: Sequence[Way], solve: Callable[[Sequence[Cells], bool], Solved[Solution]]
 ) -> list[tuple[Way, Solved[Solution]]]:
-    """Each way with what may be true of it, but for machines of which the same visits had no chance
-    beside others before.
+    """Each way with what may be true of it.
+
+    Of several machines the first is the freest: visits that had no chance on it, with the same
+    changes between sessions, are not tried on the others.
     """
     explained: list[tuple[Way, Solved[Solution]]] = []
     for way in ways:
-        alike = [solved.log_weight for other, solved in explained if _of_same_visits(other, way)]
         best = max((solved.log_weight for _, solved in explained), default=0.0)
-        if alike and max(alike) < best - HOPELESS:
+        alike = (
+            solved.log_weight
+            for other, solved in explained
+            if _of_same_visits(other, way) and _of_same_changes(other, way)
+        )
+        if max(alike, default=best) < best - HOPELESS:
             continue
         solved = solve(way.sessions, way.with_play)
         solved = replace(solved, log_prior=way.log_prior, mistakes=way.mistakes)
         explained.append((way, solved))
     return explained
+
+
+def _of_same_changes(first: Way, second: Way) -> bool:
+    """Whether joint offsets changed alike between sessions."""
+    pairs = zip(first.sessions, second.sessions, strict=True)
+    return all(a.case.homing_mm == b.case.homing_mm for a, b in pairs)
 
 
 def _of_same_visits(first: Way, second: Way) -> bool:

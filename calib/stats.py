@@ -5,11 +5,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc, ndtr, ndtri, stdtr, stdtrit
+from scipy.special import chdtrc, fdtrc, gammainc, ndtr, ndtri, stdtr, stdtrit
 
 from calib.arrays import FloatArray
 
 COVERAGE = 0.95
+
+EXACT = 1e-7
+"""Relative: a quantile of mean squares is worked out to so much."""
+
+LEAST_MEAN = 1e-150
+"""A mean square that is none; its square is still a number."""
 
 UNLIKELY = 0.001
 """Chance of what a fit leaves below which something else acts, whatever is likeliest: repeats that
@@ -58,6 +64,25 @@ def mixture_uncertainties(
         inside = weight @ (ndtr((half - off) / deviation) - ndtr((-half - off) / deviation))
         low, high = np.where(inside < COVERAGE, half, low), np.where(inside < COVERAGE, high, half)
     return standard, np.asarray(high)
+
+
+def root_quantile(
+    weight: FloatArray, mean: FloatArray, variance: FloatArray, share: float
+) -> float:
+    """What so large a ``share`` of the roots of mean squares keeps, by weighted models ``(n,)``.
+
+    In each the mean square, a sum of squares of normal values, has a gamma distribution with its
+    ``mean`` and ``variance`` (Satterthwaite 1946). No single one has the long tail of a mixture.
+    """
+    mean = np.maximum(mean, LEAST_MEAN)
+    variance = np.maximum(variance, 1e-12 * mean**2)
+    shape, scale = mean**2 / variance, variance / mean
+    low, high = 0.0, float((mean + 20.0 * np.sqrt(variance)).max())
+    while high - low > EXACT * high:
+        middle = (low + high) / 2.0
+        below = float((weight * gammainc(shape, middle / scale)).sum() / weight.sum())
+        low, high = (middle, high) if below < share else (low, middle)
+    return math.sqrt(high)
 
 
 def normal_scores(values: FloatArray) -> FloatArray:

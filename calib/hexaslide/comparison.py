@@ -16,8 +16,8 @@ from calib.hexaslide.checked import Known, frames_apart, lengths_alone
 from calib.hexaslide.correction import lengths_of, moved_by, over_all
 from calib.hexaslide.diagnosis import FEWEST_SPARE, WeighedCauses
 from calib.hexaslide.geometry import MOTIONS, HexaSlide
-from calib.hexaslide.platform import Places, quantile_m
-from calib.stats import variance_ratio_p_value
+from calib.hexaslide.platform import Places
+from calib.stats import COVERAGE, root_quantile, variance_ratio_p_value
 
 CHANGED = 0.01
 """Chance of a difference so large, below which the machine is taken as changed."""
@@ -125,7 +125,8 @@ def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine)
         inner = spread.T @ spread
         mean, variance = np.trace(inner), 2.0 * (inner**2).sum()
         count = places[0].count
-        chance_m = quantile_m(np.ones(1), np.array([[mean, variance / count]]) / count)
+        square_of_noise, its_variance = np.array([[mean], [variance / count]]) / count
+        chance_m = root_quantile(np.ones(1), square_of_noise, its_variance, COVERAGE)
         # what parameters do: what rarely acts beside them is no normal of its covariance
         vectors, sizes, _ = np.linalg.svd(places[0].moved, full_matrices=False)
         vectors = vectors[:, sizes > SHOWN * sizes[0]]

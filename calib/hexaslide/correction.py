@@ -16,10 +16,10 @@ from calib.hexaslide.causes import causes_of_machine
 from calib.hexaslide.checked import Known, inner_lengths, length_slopes
 from calib.hexaslide.diagnosis import WeighedCauses
 from calib.hexaslide.geometry import HexaSlide
-from calib.hexaslide.platform import Places, PlatformError, quantile_m
+from calib.hexaslide.platform import Places, PlatformError
 from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
-from calib.stats import mixture_uncertainties
+from calib.stats import COVERAGE, mixture_uncertainties, root_quantile
 
 LEAST_WEIGHT = 1e-5
 """Models of less weight change nothing that could be entered."""
@@ -82,7 +82,8 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
         squares.append(_square(off, np.hstack([by_noise, spread]), places.count))
     bound_m = None
     if places.shows_all(calibrated):
-        bound_m = quantile_m(models.weights, np.array(squares))
+        square, variance = np.array(squares).T
+        bound_m = root_quantile(models.weights, square, variance, COVERAGE)
         bound_m *= models.excess**0.5
     parameters = calibrated.parameters + models.tolerances * change
     entered_machine = machine.with_parameters(names, parameters)

@@ -6,11 +6,9 @@ platform's origin; frames moved as wholes, which no reading shows, are laid over
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc, chdtri
 
 from calib.arrays import FloatArray, without
 from calib.errors import UnreachablePosture
@@ -25,7 +23,7 @@ from calib.hexaslide.procedures import (
     held_postures,
     looseness,
 )
-from calib.stats import coverage_factor
+from calib.stats import COVERAGE, coverage_factor, root_quantile
 
 PLACES = 200
 """So many random postures of the box stand for all of it where what is off there is small: their
@@ -42,13 +40,6 @@ quasirandom sequences, 2018."""
 SEED = 0
 FRAMES = 1e-9
 """Singular values, by the largest, of frames that move places."""
-
-CERTAIN, HALVINGS = 1e-8, 60
-"""Least variance of a mean square, over its own square; how often the interval of a quantile is
-halved."""
-
-OUTSIDE = 0.05
-"""One machine in twenty may be off by more than the bound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,28 +148,10 @@ def platform_error(reference: HexaSlide, calibrated: Calibration) -> PlatformErr
         count = places.moved.shape[1]
         squares = calibrated.covariance[:count, :count] @ (places.moved.T @ places.moved)
         mean, variance = np.trace(squares), 2.0 * np.trace(squares @ squares)
-        bound = quantile_m(np.ones(1), np.array([[mean, variance / places.count]]) / places.count)
+        square, variance = np.array([[mean], [variance / places.count]]) / places.count
+        bound = root_quantile(np.ones(1), square, variance, COVERAGE)
         # one coverage factor counts that the noise itself is known from few degrees of freedom
         bound *= coverage_factor(calibrated.degrees_of_freedom) / coverage_factor(np.inf)
         if calibrated.lack_of_fit is not None:  # more is left than noise: at least so much is wrong
             bound *= max(1.0, calibrated.lack_of_fit) ** 0.5
     return places.error(calibrated, calibrated.machine, bound)
-
-
-def quantile_m(weights: FloatArray, squares: FloatArray) -> float:
-    """The quantile of an r.m.s. whose square has, in models of these ``weights`` ``(m,)``, together
-    1, means and variances ``(m, 2)``.
-
-    A mean square is a sum of squares of normal values: taken as a multiple of chi square with the
-    same mean and variance (Satterthwaite). No such multiple has the long tail of a mixture: there
-    a model of little weight, off by much, would make the quantile smaller.
-    """
-    mean = np.maximum(squares[:, 0], np.finfo(float).tiny)
-    degrees = 2.0 / np.maximum(squares[:, 1] / mean**2, CERTAIN)
-    ends = mean * chdtri(degrees, OUTSIDE) / degrees
-    low, high = float(ends.min()), float(ends.max())
-    for _ in range(HALVINGS):
-        half = (low + high) / 2.0
-        inside = float(weights @ chdtrc(degrees, degrees * half / mean)) < OUTSIDE
-        low, high = (low, half) if inside else (half, high)
-    return math.sqrt(high)

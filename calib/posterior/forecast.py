@@ -34,7 +34,8 @@ from calib.posterior.mixture import ExpectedReadings, Group, Updated
 from calib.posterior.models import Posterior
 from calib.posterior.readings import LENGTHS, Placed, placed_columns
 from calib.posterior.tool import Frame
-from calib.posterior.tool_errors import InField, quantile_mm
+from calib.posterior.tool_errors import KEPT, InField
+from calib.stats import root_quantile
 from calib.tripod.pipeline import Model
 
 HEAVIEST = 48
@@ -315,7 +316,8 @@ class Forecast:
         for up in updated:
             distances[up.group.rows, 1:] = up.distances(off[:, up.group.rows])
         heavy = weight > LIGHT
-        return quantile_mm(distances[heavy])
+        share, square, variance = distances[heavy].T
+        return root_quantile(share, square, variance, KEPT)
 
 
 def _cells(conditions: Conditions) -> tuple[Conditions, FloatArray]:

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import gammainc
 
 from calib.arrays import FloatArray
 from calib.posterior.tool import RIGID
+from calib.stats import root_quantile
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +40,6 @@ KEPT = 0.975
 """Part of the posterior that keeps a bound of 95 %: with 0.95 it covered 86 % of shapes outside the
 catalogue. The other half of the risk is that of laws that
 no model has, and of effects that these readings hardly show."""
-
-EXACT = 1e-7
-"""Relative: a quantile of mean squares is worked out to so much."""
 
 STILL = 1e-14
 """Of the largest square: a direction that moves the tool less is one of rounding."""
@@ -173,20 +170,5 @@ class ToolErrors:
 
     def bound_mm(self, values: FloatArray) -> float:
         """What a machine keeps 95 times in 100 with these values entered (`KEPT`)."""
-        return quantile_mm(self.distances(values))
-
-
-def quantile_mm(distances: FloatArray) -> float:
-    """Root of the quantile `KEPT` of a mixture of gamma distributions ``(n, 3)`` of these moments.
-
-    ``distances`` are those of `ToolErrors.distances`.
-    """
-    weight, size, variance = distances.T
-    variance = np.maximum(variance, 1e-12 * size**2)
-    shape, scale = size**2 / variance, variance / np.maximum(size, 1e-300)
-    low, high = 0.0, float((size + 20.0 * np.sqrt(variance)).max())
-    while high - low > EXACT * high:
-        middle = (low + high) / 2.0
-        below = float((weight * gammainc(shape, middle / scale)).sum() / weight.sum())
-        low, high = (middle, high) if below < KEPT else (low, middle)
-    return math.sqrt(high)
+        weight, mean, variance = self.distances(values).T
+        return root_quantile(weight, mean, variance, KEPT)

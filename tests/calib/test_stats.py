@@ -1,4 +1,4 @@
-"""Normal scores against the standard library's normal distribution."""
+"""Normal scores against the standard library, quantiles of mixtures against draws."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from calib.stats import mixture_uncertainties, normal_scores
+from calib.stats import mixture_uncertainties, normal_scores, root_quantile
 
 
 def test_normal_scores_are_quantiles_of_the_ranks() -> None:
@@ -29,3 +29,15 @@ def test_uncertainties_of_a_mixture_are_those_of_many_draws() -> None:
     assert (np.abs(drawn) <= expanded).mean(axis=0) == pytest.approx(0.95, abs=0.002)
     alone = mixture_uncertainties(np.ones(1), np.zeros((1, 1)), np.full((1, 1), 4.0))
     assert alone[1] == pytest.approx(2.0 * NormalDist().inv_cdf(0.975))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.01, 0.04, 0.3])
+def test_a_model_of_little_weight_makes_no_bound_smaller(share: float) -> None:
+    """The quantile of a mixture against draws: most of the weight at 0.01 mm, some at 1 mm."""
+    generator = np.random.default_rng(8)
+    weights, sizes, degrees = np.array([1.0 - share, share]), np.array([1e-5, 1e-3]), 4
+    means = sizes**2
+    quantile = root_quantile(weights, means, 2.0 * means**2 / degrees, 0.95)
+    drawn = sizes[(generator.random(200_000) < share).astype(int)]
+    off = drawn * np.sqrt(generator.chisquare(degrees, len(drawn)) / degrees)
+    assert float((off > quantile).mean()) == pytest.approx(0.05, abs=0.003)

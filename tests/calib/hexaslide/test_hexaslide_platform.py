@@ -14,7 +14,7 @@ from calib.hexaslide.calibration import calibrate
 from calib.hexaslide.checked import frames_apart
 from calib.hexaslide.expectation import Expectation, explanations, other_frame
 from calib.hexaslide.geometry import Box, forward_near
-from calib.hexaslide.platform import platform_error, quantile_m
+from calib.hexaslide.platform import platform_error
 from calib.hexaslide.procedures import Procedure, held_postures
 from calib.hexaslide.simulation import disturbed, measure
 from protocols.hexaslide import load_hexaslide
@@ -67,18 +67,6 @@ def test_the_error_now_is_that_of_all_of_the_box() -> None:
     stands = forward_near(truth.geometry, NOMINAL.sliders_at(aims), aims)
     actual_m = float(np.sqrt(((stands - aims)[:, :3] ** 2).sum(axis=1).mean()))
     assert error.now.places_rms_m == pytest.approx(actual_m, rel=0.005)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.001, 0.01, 0.04, 0.3])
-def test_a_model_of_little_weight_makes_no_bound_smaller(share: float) -> None:
-    """The quantile of a mixture against draws: most of the weight at 0.01 mm, some at 1 mm."""
-    generator = np.random.default_rng(8)
-    weights, sizes, degrees = np.array([1.0 - share, share]), np.array([1e-5, 1e-3]), 4
-    means = sizes**2
-    quantile = quantile_m(weights, np.column_stack([means, 2.0 * means**2 / degrees]))
-    drawn = sizes[(generator.random(200_000) < share).astype(int)]
-    off = drawn * np.sqrt(generator.chisquare(degrees, len(drawn)) / degrees)
-    assert float((off > quantile).mean()) == pytest.approx(0.05, abs=0.003)
 
 
 def test_poor_postures_have_no_bound() -> None:

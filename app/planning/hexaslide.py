@@ -72,6 +72,7 @@ def hexaslide_planning(request: Request) -> HexaSlidePlanning:
         None if file is None else load_postures(file),
         "" if file is None else f"{file}",
         machine_file.name if request.machine_file else EXAMPLE_NAME,
+        ROOM * machine_file.tolerances.slider_mm / 1000.0,
     )
 
 
@@ -115,10 +116,6 @@ def asked_postures(
         raise UsageError("--count", "none", "how many postures to find, or a --posture-file")
     if count > MOST_MOVED:
         raise UsageError("--count", f"{count}", f"{MOST_MOVED} postures at most")
-    if search.given is None and search.space != "joints":
-        # so that the calibrated machine has the postures, too
-        room_mm = ROOM * load_hexaslide(request.machine_file).tolerances.slider_mm
-        planned = replace(planned, machine=planned.machine.with_room(room_mm / 1000.0))
     return _searched(planned, count, search)
 
 
@@ -140,7 +137,7 @@ def better_and_better(
 
     search = Search(seed=view.planned.seed)
     with suppress(_Stopped):
-        for best in searches(view.procedure, view.machine, count, search, watch):
+        for best in searches(view.procedure, view.planned.with_room, count, search, watch):
             yield best, conditions_at(view, best.coordinates)
 
 
@@ -154,8 +151,10 @@ def measuring(request: Request, components: str) -> Request:
 
 def _searched(planned: HexaSlidePlanning, count: int, search: Search) -> BestPostures:
     best: BestPostures | None = None
+    to_its_ends = search.given is not None or search.space == "joints"
+    machine = planned.machine if to_its_ends else planned.with_room
     try:
-        for postures_found in searches(planned.procedure, planned.machine, count, search):
+        for postures_found in searches(planned.procedure, machine, count, search):
             best = postures_found
     except KeyboardInterrupt:
         if best is None:

@@ -178,7 +178,8 @@ PUBLISHED_SETS = {
 @dataclass(frozen=True, eq=False)
 class HexaSlidePlanning:
     """A machine with a procedure, at postures ``given`` ``(p, 6)`` from somewhere, else at random
-    ones: ``count`` of them, None: enough. ``name`` is that of the machine for people.
+    ones: ``count`` of them, None: enough. ``name`` is that of the machine for people. Postures that
+    are searched leave ``room_m`` to the ends of every travel.
     """
 
     procedure: Procedure
@@ -188,6 +189,12 @@ class HexaSlidePlanning:
     given: FloatArray | None = None
     source: str = ""
     name: str = "hexaslide"
+    room_m: float = 0.0
+
+    @property
+    def with_room(self) -> HexaSlide:
+        """The machine with its ends so far inside: calibrated, it has the same postures, too."""
+        return self.machine.with_room(self.room_m)
 
     @property
     def usual(self) -> bool:

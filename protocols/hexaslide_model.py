@@ -12,7 +12,9 @@ from protocols.documents import Document, read_json
 from protocols.effect_entries import EffectEntry, HistoryEntry
 from protocols.hexaslide import HexaSlideMachine
 
-KIND = "glidecal.hexaslide-model"
+Schema = Literal["glidecal.hexaslide-model/2"]
+NEWEST: Schema = "glidecal.hexaslide-model/2"
+OLDER = NEWEST.replace("/2", "/1")
 PLAYS = ("backlash", "leg_backlash")
 
 
@@ -21,9 +23,7 @@ class HexaSlideModel(Document):
     came and went. What a controller is to hold is not this machine, but the exported one.
     """
 
-    schema_id: Literal["glidecal.hexaslide-model/2"] = Field(
-        alias="schema", default="glidecal.hexaslide-model/2"
-    )
+    schema_id: Schema = Field(alias="schema", default=NEWEST)
     machine: HexaSlideMachine
     effects: tuple[EffectEntry, ...] = ()
     history: tuple[HistoryEntry, ...] = ()
@@ -35,15 +35,14 @@ class HexaSlideModel(Document):
 
 def read_hexaslide_model(path: Path) -> HexaSlideModel:
     """A model file in the newest form. Raises RecordError naming the file and the fault."""
-    schema = "schema glidecal.hexaslide-model/2"
-    return read_json(path, HexaSlideModel, "model", schema, renewed=_renewed)
+    return read_json(path, HexaSlideModel, "model", f"schema {NEWEST}", renewed=_renewed)
 
 
 def _renewed(text: str) -> str:
     """Form 1 had play negative where a carriage stays behind; what is no such file stays."""
     try:
         content = json.loads(text)
-        if content["schema"] != f"{KIND}/1":
+        if content["schema"] != OLDER:
             return text
         changes = [line["effect"] for line in content.get("history", ())]
         for effect in (*content.get("effects", ()), *changes):
@@ -52,4 +51,4 @@ def _renewed(text: str) -> str:
                     parameter["value"] = -parameter["value"]
     except (AttributeError, KeyError, TypeError, ValueError):
         return text
-    return json.dumps(content | {"schema": "glidecal.hexaslide-model/2"})
+    return json.dumps(content | {"schema": NEWEST})

@@ -25,7 +25,7 @@ from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.movements import carriage_movement
 from calib.tripod.pipeline import simulate
-from protocols.documents import ZERO, Triple
+from protocols.documents import Triple
 from protocols.machine import Instrument, Machine
 from protocols.motion import approach_sign, departure_mm, movement_signs
 from protocols.procedure import Step, leg_number
@@ -63,9 +63,7 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
     machine = sessions[0].opened.machine
     values = zip(*map(attrgetter(*COLUMNS), readings), strict=True)  # there may be 50,000 readings
     columns = dict(zip(COLUMNS, values, strict=True))
-    over_plane, contact = (
-        np.flatnonzero(np.array(columns[key], dtype=bool)) for key in ("over_plane", "contact")
-    )
+    over_plane, contact = (np.array(columns[key], dtype=bool) for key in ("over_plane", "contact"))
     observations = Observations(
         leg=np.array([NUMBERS[name] for name in columns["leg"]], dtype=np.intp),
         axis=np.array([NUMBERS[name] for name in columns["axis"]], dtype=np.intp),
@@ -79,9 +77,9 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         indicator=_numbered(indicators),
         position_mm=_places_mm(columns["position_mm"]),
         movement=np.concatenate(movement),
-        along_mm=_along_mm(readings, over_plane, machine),
-        contact=np.array(columns["contact"], dtype=bool),
-        beside_mm=_beside_mm(readings, contact, machine),
+        along_mm=_along_mm(readings, np.flatnonzero(over_plane), machine),
+        contact=contact,
+        beside_mm=_beside_mm(readings, np.flatnonzero(contact), machine),
         value_mm=np.array(columns["value_mm"]),
         averaged=np.array(columns["averaged"], dtype=np.float64),
     )
@@ -109,8 +107,8 @@ def _places_mm(places_mm: Sequence[Triple | None]) -> FloatArray:
 def _beside_mm(readings: Sequence[Reading], rows: IntArray, machine: Machine) -> FloatArray:
     """Where ``(n, 3)`` what met the plate is, from the tool: a probe, unless it was by hand."""
     beside_mm = np.zeros((len(readings), 3))
-    for row in rows.tolist():
-        beside_mm[row] = ZERO if readings[row].mount == BY_HAND else machine.beside_mm
+    by_probe = [row for row in rows.tolist() if readings[row].mount != BY_HAND]
+    beside_mm[by_probe] = machine.beside_mm
     return beside_mm
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -292,13 +292,12 @@ class _Report:
         if self.answer.verdict not in WITH_RESIDUALS or lawful <= EVEN * self.claims.missing:
             return None
         law = descending([*likely], likely.__getitem__)[0]
-        # names that are only a guess may already do what the law does
-        for beside, named in ((after or self.before, adopted), (self.before, ())):
-            finding = self._finding((law,), likely[law], named, beside.rms_mm(beside.left))
-            if finding.gap_rms_after_mm < finding.gap_rms_before_mm:
-                adopted = named
-                break
-        else:
+        beside = after or self.before
+        finding = self._finding((law,), likely[law], adopted, beside.rms_mm(beside.left))
+        if not finding.lowers_the_gap:  # guessed names may already do what it does: by itself
+            adopted, beside = (), self.before
+            finding = self._finding((law,), likely[law], adopted, beside.rms_mm(beside.left))
+        if not finding.lowers_the_gap:
             return None
         together = (*adopted, *finding.effects)
         if self.others:
@@ -540,20 +539,20 @@ def explained_share(before_rms_mm: float, after_rms_mm: float) -> float:
     return min(max(1.0 - (after_rms_mm / before_rms_mm) ** 2, 0.0), 1.0)
 
 
+def _rival_words(rival: Named, ids: Collection[str]) -> str:
+    """Its id; of one that shares it with a finding, the place that tells them apart, too."""
+    if rival.id == EMPIRICAL:
+        return "an unnamed effect"
+    return f"{rival.id} ({rival.where})" if rival.id in ids else rival.id
+
+
 def sentence(verdict: Verdict, findings: Sequence[Finding], where: str) -> str:
     """The verdict in one sentence that a machinist understands; ``where`` something is left."""
     names = " and ".join(f"{finding.title} ({finding.where})" for finding in findings)
     ids = {finding.id for finding in findings}
-    named = {rival for finding in findings for rival in finding.indistinguishable_from}
-    words = {
-        "an unnamed effect"
-        if rival.id == EMPIRICAL
-        else f"{rival.id} ({rival.where})"
-        if rival.id in ids
-        else rival.id: rival.id
-        for rival in named
-    }
-    rivals = sorted(words, key=lambda word: (words[word], word))
+    all_rivals = {rival for finding in findings for rival in finding.indistinguishable_from}
+    sorted_rivals = sorted(all_rivals, key=lambda rival: (rival.id, rival.where))
+    rivals = [*dict.fromkeys(_rival_words(rival, ids) for rival in sorted_rivals)]
     if len(rivals) > MOST_RIVALS:
         rivals = [*rivals[: MOST_RIVALS - 1], f"{len(rivals) - MOST_RIVALS + 1} others"]
     instead = (

@@ -86,6 +86,11 @@ class Finding:
     indistinguishable_from: tuple[Named, ...] = ()
     effects: Effects = field(default=(), repr=False, metadata=INTERNAL)
 
+    @property
+    def lowers_the_gap(self) -> bool:
+        """Whether less is left with it than without."""
+        return self.gap_rms_after_mm < self.gap_rms_before_mm
+
 
 @dataclass(frozen=True)
 class ModelDiscrepancy(Finding):

@@ -122,13 +122,12 @@ class Table:
 
         Beyond its ends the controller holds the table's end, whatever acts there.
         """
-        error_mm, absorbed_mm = self.error_up_mm if way > 0 else self.error_down_mm, 0.0
-        for _ in range(PASSES):
-            former_mm = absorbed_mm
-            absorbed_mm = float(np.interp(believed_mm + former_mm, self.joint_mm, error_mm))
-            if abs(absorbed_mm - former_mm) < SETTLED_MM:
-                break
-        return absorbed_mm
+        error_mm = self.error_up_mm if way > 0 else self.error_down_mm
+
+        def absorbed_mm(former_mm: FloatArray) -> FloatArray:
+            return np.interp(believed_mm + former_mm, self.joint_mm, error_mm)
+
+        return float(_settled(absorbed_mm, np.zeros(1))[0])
 
     def turned(self) -> Table:
         """The same table for a coordinate that counts the other way."""
@@ -398,17 +397,24 @@ def _added_mm(model: Model) -> tuple[FloatArray, FloatArray]:
     Where the corrected controller believes the places of `_judged_mm`.
     """
     position_mm, offset = _judged_mm(model.geometry), np.array(model.parameters_mm[:3])
-    parts = []
-    for way in (1.0, -1.0):
-        added = np.zeros_like(position_mm)
-        for _ in range(PASSES):
-            former = added
-            added = carriage_error_mm(model, position_mm - offset - former, way) - offset
-            if np.abs(added - former).max() < SETTLED_MM:
-                break
-        parts.append(added)
-    up, down = parts
-    return up, down
+
+    def added_mm(way: float) -> FloatArray:
+        def with_former(former_mm: FloatArray) -> FloatArray:
+            believed_mm = position_mm - offset - former_mm
+            return np.asarray(carriage_error_mm(model, believed_mm, way) - offset)
+
+        return _settled(with_former, np.zeros_like(position_mm))
+
+    return added_mm(1.0), added_mm(-1.0)
+
+
+def _settled(step: Callable[[FloatArray], FloatArray], value_mm: FloatArray) -> FloatArray:
+    """The value that a step leaves as it is, from a first one."""
+    for _ in range(PASSES):
+        former_mm, value_mm = value_mm, step(value_mm)
+        if np.abs(value_mm - former_mm).max() < SETTLED_MM:
+            break
+    return value_mm
 
 
 def _sum_mm(model: Model, kind: type) -> FloatArray:

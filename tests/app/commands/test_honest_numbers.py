@@ -128,12 +128,31 @@ def test_displacements_in_metres_get_an_answer_with_a_warning(tmp_path: Path) ->
     )
 
 
+def test_a_leg_in_micrometres_has_values_though_no_set_fits(tmp_path: Path) -> None:
+    """What is entered is that of the likeliest labels, in every answer; the sets know no labels."""
+    table = rows(scatter_mm=0.002, digits=4)
+    for row in table:
+        if row["leg"] == "z":
+            row["value_mm"] = f"{1000.0 * float(row['value_mm']):g}"
+    run = solved(tmp_path, table)
+    assert run.status == 0, run.err
+    text = " ".join(run.out.split())
+    assert "µm recorded as mm (z)" in text
+    assert "View: none. exact identification: found no optimum within reach" in text
+    out = tmp_path / "offsets.csv"
+    assert glidecal("export", tmp_path / "t.jsonl", "--format", "csv", "-o", out).status == 0
+    for line in out.read_text("utf-8").splitlines():
+        if line.startswith("d_rho"):
+            name, value, *_ = line.split(",")
+            assert f"{name} {float(value):+.4f} mm" in text
+
+
 def test_a_reading_of_a_metre_gets_no_advice_that_fails_too(tmp_path: Path) -> None:
     table = rows(cycles=1)
     table[2]["value_mm"] = "900"
     run = solved(tmp_path, table)
     assert run.status == 5
-    assert run.err.strip().endswith("wrong reading or unit: the diagnosis may name it.")
+    assert run.err.strip().endswith("Look for a wrong reading or unit.")
     for options in (("--subset", "joint-offsets"), ("--method", "linear")):
         assert solved(tmp_path, table, *options).status == 5
 

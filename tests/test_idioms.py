@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from tests.conftest import LONG, ROOT
+from tests.conftest import ROOT
 
 ROOMS = ("app", "calib", "drivers", "protocols", "glidecal")
 
@@ -99,7 +99,6 @@ def found() -> dict[str, Counter[str]]:
     return places
 
 
-@LONG
 def test_no_idiom_comes_back() -> None:
     places = found()
     over = {

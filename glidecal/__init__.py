@@ -50,14 +50,14 @@ def conflict() -> str:
         spec = loaded.__spec__ if loaded else find_spec(room)
         place = Path(spec.origin).parent if spec and spec.origin else None
         if place is None or place.resolve() != (home / room).resolve():
-            return _said(room, f"found in {place}" if place else "not found")
+            return _refusal(room, f"found in {place}" if place else "not found")
         if not ours:  # not installed from a wheel: the folder is the project's own
             continue
         strange = [entry.name for entry in place.iterdir() if f"{room}/{entry.name}" not in ours]
         if strange:
-            return _said(room, f"contains {min(strange)} of another package, in {home}")
+            return _refusal(room, f"contains {min(strange)} of another package, in {home}")
         if place.joinpath("__init__.py").stat().st_size != ours[f"{room}/__init__.py"]:
-            return _said(room, f"written over by another package, in {home}")
+            return _refusal(room, f"written over by another package, in {home}")
     return ""
 
 
@@ -73,8 +73,8 @@ def _installed(home: Path) -> dict[str, int]:
     return sizes if len(sizes) > len(ROOMS) else {}
 
 
-def _said(room: str, found: str) -> str:
+def _refusal(room: str, fault: str) -> str:
     return (
-        f"package '{room}': {found}. Allowed: the '{room}' that comes with glidecal. Install "
+        f"package '{room}': {fault}. Allowed: the '{room}' that comes with glidecal. Install "
         "glidecal alone: pipx install glidecal, or uv tool install glidecal."
     )

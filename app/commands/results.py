@@ -214,8 +214,8 @@ def export(
         _refuse_beside_table(table or "readings", format_name, {**beside, "--frame": frame})
         force = may_deliver(output, force=force, several=format_name != "csv")
         source = _only(sources, "a table")
-        table_found = _table(source, table or "readings", subset, method, model)
-        deliver(output, {"": table_found.written(format_name)}, force=force)
+        data_table = _table(source, table or "readings", subset, method, model)
+        deliver(output, {"": data_table.written(format_name)}, force=force)
         return
     from app.exports import FORMATS, IN_FOLDERS
     from app.exports.linuxcnc_ini import read_controller

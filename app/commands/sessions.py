@@ -128,8 +128,8 @@ def import_table(
     if family.sessions is not None:
         _check_postures(context, name, source)
         remarks, day = tuple(remark or ()), _day(measured_on)
-        asked_for = Importing(source[0], output, machine, protocol, template, remarks, day, force)
-        family.sessions.imported(asked_for, options, say)
+        importing = Importing(source[0], output, machine, protocol, template, remarks, day, force)
+        family.sessions.imported(importing, options, say)
     elif template:
         _write_template(source, machine, protocol, force=force)
     else:
@@ -186,7 +186,7 @@ def import_files(
 
     may = may_replace(force, machine_file_out)
     stated = Stated(resolution, repeatability, remarks)
-    opened, events, machine_file, notes = _taken_from(
+    opened, events, machine_file, notes = _read_from(
         source,
         machine,
         stated,
@@ -213,12 +213,12 @@ def import_files(
         say(f"written: {machine_file_out}")
     for words in [
         *(f"glidecal: {note}" for note in notes),
-        *_taken(session, source[0], output, machine_file_out),
+        *_written_words(session, source[0], output, machine_file_out),
     ]:
         say(words)
 
 
-def _taken(
+def _written_words(
     session: Session, source: Path, output: Path | None, machine_file: Path | None
 ) -> Iterator[str]:
     """What was written of a session, with cautions; of none what to do next."""
@@ -255,10 +255,10 @@ def _write_template(
     if len(source) > 1:
         raise UsageError("--template", f"{len(source)} files", "one table to write")
     machine_known = load_machine(machine)
-    procedure_asked = procedure_on(machine_known, protocol)
-    empty = empty_table(procedure_asked, machine_known.geometry(), source[0])
+    procedure = procedure_on(machine_known, protocol)
+    empty = empty_table(procedure, machine_known.geometry(), source[0])
     write_files(source[0], {"": empty}, replace=may_replace(force, source[0]))
-    say(f"{procedure_asked.name} to be filled in, column value_mm: {source[0]}")
+    say(f"{procedure.name} to be filled in, column value_mm: {source[0]}")
 
 
 @dataclass(frozen=True)
@@ -270,7 +270,7 @@ class Stated:
     remarks: tuple[str, ...]
 
 
-def _taken_from(
+def _read_from(
     source: list[Path],
     machine: str | None,
     stated: Stated,

@@ -118,7 +118,7 @@ def compare_files(
         )
     changed = sessions[0].adjusted != sessions[1].adjusted
     remarks = [MOVED] if changed else []
-    remarks += [IN_FIRMWARE] if _held(machine) != _held(later_machine) else []
+    remarks += [IN_FIRMWARE] if _firmware_values(machine) != _firmware_values(later_machine) else []
     remarks += [record.unfinished for record in (earlier, later) if record.unfinished]
     if measured != again:
         remarks.append(
@@ -138,7 +138,7 @@ def _one_printer(machine: Machine, later_machine: Machine) -> bool:
     return max(float(abs(part).max()) for part in parts) < SAME_PRINTER_MM
 
 
-def _held(machine: Machine) -> tuple[object, ...]:
+def _firmware_values(machine: Machine) -> tuple[object, ...]:
     """What firmware holds of a machine beside its switches, which limit the travel."""
     geometry = machine.geometry()
     names = {part.name for part in fields(geometry)} - {"travel_min_mm", "travel_max_mm"}

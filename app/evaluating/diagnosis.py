@@ -352,12 +352,12 @@ def adopt(
     doubted = [item for item in items if isinstance(item, Finding) and item.indistinguishable_from]
     for item in items:
         sure = source.verdict == "ambiguous" and doubted and item not in doubted
-        found_as = source.model_copy(update={"verdict": "explained"}) if sure else source
+        verdict_source = source.model_copy(update={"verdict": "explained"}) if sure else source
         why = diagnosed.diagnosis.sentence
         if isinstance(item, Finding) and item.id == EMPIRICAL:
             why = f"an unnamed effect: {item.title}"
         values = {v.name: (v.value, v.standard_uncertainty) for v in item.parameters}
-        entry = effect_entry(item.where, item.effects, values, found_as)
+        entry = effect_entry(item.where, item.effects, values, verdict_source)
         if held and (held.id, held.where) == (item.id, item.where):
             entry = entry.model_copy(update={"parameters": held.parameters})
             why = f"{why} {HELD}"

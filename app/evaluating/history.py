@@ -294,7 +294,7 @@ def _worked_out(unknown: _Unknown) -> tuple[Path, str, AnyEntry | str]:
     path, kind, effects = unknown.path, unknown.kind, unknown.effects
     try:
         content = read_bytes(path, "session", MOST_BYTES)
-        entry = kind.past(path, effects) if kind else _told_by(path, content, effects=effects)
+        entry = kind.past(path, effects) if kind else _entry_of(path, content, effects=effects)
     except GlidecalError as problem:
         return path, "", str(problem)
     return path, key_of(content), entry
@@ -325,7 +325,7 @@ def index_path() -> Path:
     return cache_path() / "history-3.sqlite"
 
 
-def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
+def _entry_of(path: Path, content: bytes, *, effects: bool) -> Entry:
     """What a record says. Raises RecordError for one that is altered."""
     from app.evaluating.solution import decided_in, solve_sessions  # heavy: not for what is known
 

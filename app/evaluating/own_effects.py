@@ -78,7 +78,7 @@ def _run(source: str, load: Callable[[], T]) -> T:
     except BaseException as problem:
         if type(problem) is KeyboardInterrupt:
             raise
-        raise _broken(source, _said(problem)) from problem
+        raise _broken(source, _words_of(problem)) from problem
 
 
 def _each(candidate: object) -> tuple[object, ...]:
@@ -86,7 +86,7 @@ def _each(candidate: object) -> tuple[object, ...]:
     return tuple(candidate) if isinstance(candidate, tuple | list) else (candidate,)
 
 
-def _said(problem: BaseException) -> str:
+def _words_of(problem: BaseException) -> str:
     line = getattr(problem, "lineno", None)
     where = f", line {line}" if isinstance(problem, SyntaxError) and line else ""
     name = type(problem).__name__

@@ -44,10 +44,10 @@ TURNS = (
 )
 
 
-def calibrated_files(solved: CalibratedMachine, wanted: Path | None) -> Written:
+def calibrated_files(solved: CalibratedMachine, to_command: Path | None) -> Written:
     """``machine.toml``, ``hexaslidekins.comp`` with ``calib.hal``, of telescopic legs that alone,
-    for ``genhexkins``; for a file of ``wanted`` ones ``postures.csv``, to be commanded instead of
-    them, and ``sliders.csv``.
+    for ``genhexkins``; for a file of postures ``to_command`` also ``postures.csv``, to be commanded
+    instead of them, and ``sliders.csv``.
 
     Raises RecordError for that file, CalibrationError for postures that cannot be reached.
     """
@@ -60,10 +60,12 @@ def calibrated_files(solved: CalibratedMachine, wanted: Path | None) -> Written:
         files[f"{MODULE}.comp"] = source.read_text(encoding="utf-8")
     values = strut_pins(calibrated) if telescopic else pins(calibrated)
     files["calib.hal"] = "".join(f"# {line}\n" for line in [*head, "Millimetres."]) + values
-    if wanted is None:
+    if to_command is None:
         return files
     nominal = source_machine.whole()
-    commands, sliders = corrected(nominal, calibrated, inside_box(load_postures(wanted), nominal))
+    commands, sliders = corrected(
+        nominal, calibrated, inside_box(load_postures(to_command), nominal)
+    )
     names = [f"slider{chain}_m" for chain in range(1, sliders.shape[1] + 1)]
     moved = {"postures.csv": posture_table(commands), "sliders.csv": table(names, sliders.tolist())}
     return {**files, **moved}

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from importlib import resources
 from textwrap import wrap
 
-from app.exports.linuxcnc_joints import DriveJoint, joints_of_drives, one_joint_a_drive, travel
+from app.exports.linuxcnc_joints import DriveJoint, joint_of_each_drive, joints_of_drives, travel
 from app.report.offsets import Export, Offsets, for_controller, moves_the_tool
 from app.report.schema.solution import Offset
 from app.report.text.tables import WIDTH, uncertain
@@ -97,7 +97,7 @@ def with_kinematics(offsets: Offsets) -> Export:
     source = resources.files("app.exports").joinpath(f"{MODULE}.comp").read_text(encoding="utf-8")
     offsets = for_joints(offsets, "kinematics")
     comment_lines = [line for text in origin(offsets) for line in short_lines(text)]
-    by_joint = one_joint_a_drive(joints_of_drives(offsets), MODULE)
+    by_joint = joint_of_each_drive(joints_of_drives(offsets), MODULE)
     hal = "".join(f"# {line}\n" for line in comment_lines)
     hal += pins(offsets.model, unit, [(moved.joint, moved.way) for moved in by_joint])
     module_files = {f"{MODULE}.comp": source, "calib.hal": hal}
@@ -214,12 +214,12 @@ def _of_joint(offsets: Offsets, moved: DriveJoint, entries: JointEntries) -> Ite
 
 def _within(model: Model, *, kinematics: bool) -> Iterator[str]:
     """Effects that these files hold."""
-    not_held = not_told(model, kinematics=kinematics)
-    names_held = dict.fromkeys(
-        effect.id for effect in moves_the_tool(model) if effect not in not_held.effects
+    beyond_files = not_told(model, kinematics=kinematics)
+    names = dict.fromkeys(
+        effect.id for effect in moves_the_tool(model) if effect not in beyond_files.effects
     )
-    if names_held:
-        yield f"in these files: {', '.join(names_held)}"
+    if names:
+        yield f"in these files: {', '.join(names)}"
     if kinematics and (misfit_mm := kinematics_of(model).misfit_mm) > INTERPOLATION_MM:
         yield f"the kinematics follow the drives within {misfit_mm:.4f} mm only"
 

@@ -96,7 +96,7 @@ def _named(
     )
 
 
-def _unclear(controller: ControllerJoints, found: str, allowed: str) -> RecordError:
+def _unclear(controller: ControllerJoints, joints: str, allowed: str) -> RecordError:
     kinematics = " ".join(
         (controller.kinematics, *([f"coordinates={controller.axes}"] if controller.axes else []))
     )
@@ -105,13 +105,13 @@ def _unclear(controller: ControllerJoints, found: str, allowed: str) -> RecordEr
         entries += f", [TRAJ] COORDINATES = {controller.coordinates}"
     return RecordError(
         f"{controller.source}, [KINS] KINEMATICS",
-        f"{entries} with {found}",
+        f"{entries} with {joints}",
         allowed,
         "An offset in the wrong joint moves the wrong carriage.",
     )
 
 
-def one_joint_a_drive(joints: tuple[DriveJoint, ...], kinematics: str) -> list[DriveJoint]:
+def joint_of_each_drive(joints: tuple[DriveJoint, ...], kinematics: str) -> list[DriveJoint]:
     """The joint of each drive x, y, z. Raises UsageError for a gantry."""
     single = []
     for drive, leg in enumerate(LEG_NAMES):

@@ -55,7 +55,7 @@ def config_g(offsets: Offsets) -> Export:
         f"M666 {_words(TOWERS, [stop - height for stop in stops])} A0 B0",
     ]
     return _export(
-        offsets, values, REPRAPFIRMWARE_PUT, _held("H + M666", now, drives), drives, lines
+        offsets, values, REPRAPFIRMWARE_PUT, _entries_now("H + M666", now, drives), drives, lines
     )
 
 
@@ -76,7 +76,9 @@ def marlin(offsets: Offsets) -> Export:
         f"M665 {_words(TOWERS, turned_deg(values, drives))} {_words('ABC', trims)}",
         f"M666 {_words(TOWERS, [height - stop for stop in stops])}",
     ]
-    return _export(offsets, values, MARLIN_PUT, _held("H - M666", now, drives), drives, lines)
+    return _export(
+        offsets, values, MARLIN_PUT, _entries_now("H - M666", now, drives), drives, lines
+    )
 
 
 def smoothieware(offsets: Offsets) -> Export:
@@ -95,7 +97,9 @@ def smoothieware(offsets: Offsets) -> Export:
         f"M665 {_words('ABC', further)} {_words('DEH', turned_deg(values, drives))}",
         f"M666 {_words(TOWERS, [height - stop for stop in stops])}",
     ]
-    return _export(offsets, values, SMOOTHIEWARE_PUT, _held("Z - M666", now, drives), drives, lines)
+    return _export(
+        offsets, values, SMOOTHIEWARE_PUT, _entries_now("Z - M666", now, drives), drives, lines
+    )
 
 
 def turned_deg(values: Entered, drives: Sequence[int]) -> list[float]:
@@ -113,8 +117,8 @@ def _words(letters: str, values: Sequence[float]) -> str:
     return " ".join(f"{name}{value:z.6f}" for name, value in zip(letters, values, strict=True))
 
 
-def _held(entry: str, now: Sequence[float], drives: Sequence[int], unit: str = "mm") -> str:
-    """What is held now for each tower, in the words of the firmware."""
+def _entries_now(entry: str, now: Sequence[float], drives: Sequence[int], unit: str = "mm") -> str:
+    """The present entry of each tower, in the words of the firmware."""
     return "".join(
         f", {entry} of {name} (tower {LEG_NAMES[drive]}) {now[drive]:.6f} {unit}"
         for name, drive in zip(TOWERS, drives, strict=True)
@@ -132,7 +136,7 @@ def _export(
     """The lines below what is to be known of them, M92 first: all lengths count from it."""
     steps = offsets.machine.steps_per_mm
     if steps is not None and values.stretch.any():
-        controller_words += _held("M92", steps, drives, "steps per mm")
+        controller_words += _entries_now("M92", steps, drives, "steps per mm")
         a_step = values.turns_mm([1.0 / steps_of_tower for steps_of_tower in steps])
         lines = [f"M92 {_words(TOWERS, [1.0 / a_step[drive] for drive in drives])}", *lines]
     above = [f"; {line}" for line in comments(offsets, values, instruction, controller_words)]

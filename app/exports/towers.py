@@ -17,7 +17,7 @@ from app.exports.linuxcnc import (
     origin,
     short_lines,
 )
-from app.exports.linuxcnc_joints import joints_of_drives, one_joint_a_drive
+from app.exports.linuxcnc_joints import joint_of_each_drive, joints_of_drives
 from app.report.offsets import (
     LEAST_MM,
     Export,
@@ -124,7 +124,7 @@ def _bounded(offsets: Offsets, values: Entered, along: Sequence[StageEffect] = (
 
 
 TOUCH = "BEFORE THE FIRST MOVE: home, then touch the plate again"
-SEEN_MM = 0.005
+NOTICEABLE_MM = 0.005
 """A change of the tool's height from which a file states it, with two decimals."""
 
 
@@ -140,7 +140,7 @@ def comments(
     each_radius = values.entries.radii
     radius = f"radius {_three(now.radius_mm if each_radius else now.radius_mm[:1])} mm"
     height_words = "these values keep the present height of the tool in the middle of the plate"
-    if abs(z) >= SEEN_MM:
+    if abs(z) >= NOTICEABLE_MM:
         way = "higher" if z > 0.0 else "lower"
         height_words = f"with these values the tool at Zero is about {abs(z):.2f} mm {way} than now"
     lines = [
@@ -287,7 +287,7 @@ def joints_and_pins(offsets: Offsets) -> Export:
             "--ini, --home-offset, or home_offset_mm in the machine file",
         )
     if sorted(controller.axes or "XYZ") != ["X", "Y", "Z"]:
-        one_joint_a_drive(joints_of_drives(offsets), "lineardeltakins")
+        joint_of_each_drive(joints_of_drives(offsets), "lineardeltakins")
     of_joints = [LEG_NAMES[drive] for drive in drives]
     if controller.axes:  # by drives, else in the order of the joints already
         axes = [name.lower() for name in controller.axes]
@@ -303,7 +303,7 @@ def joints_and_pins(offsets: Offsets) -> Export:
     values = entered(offsets.model.with_effects(across), ALL_ALIKE)
     _check_lengths(values)
     offsets = _bounded(offsets, values, along)
-    told_offsets = replace(offsets, model=tower_model(offsets.model, values.change_mm, along))
+    joint_offsets = replace(offsets, model=tower_model(offsets.model, values.change_mm, along))
     unit = controller.mm_per_unit
     instruction = (
         "name this file as HALFILE after the one that loads lineardeltakins, and put the includes "
@@ -321,5 +321,5 @@ def joints_and_pins(offsets: Offsets) -> Export:
         f"setp lineardeltakins.R {float(values.towers.radius_mm[0]) / unit:.6f}",
     ]
     hal = "\n".join([*(f"# {line}" for line in comment_lines), *pins]) + "\n"
-    joints_written = joint_files(told_offsets, kinematics=False)
+    joints_written = joint_files(joint_offsets, kinematics=False)
     return Export({**joints_written.files, "calib.hal": hal}, joints_written.cautions)

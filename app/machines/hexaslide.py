@@ -200,7 +200,7 @@ def postures(
         posture_file=options.posture_file,
         seed=search.seed,
     )
-    search_wanted = Search(
+    request_search = Search(
         search.criterion,
         starts=search.starts,
         space=options.space,
@@ -209,7 +209,7 @@ def postures(
     )
     may = may_write(search.output, ".csv", force=search.force)
     with working("Looking for postures"):
-        best = asked_postures(request, search.count, search_wanted, as_is=options.as_is)
+        best = asked_postures(request, search.count, request_search, as_is=options.as_is)
     if search.output:
         write_files(search.output, {"": posture_table(best.coordinates)}, replace=may)
         say(f"postures written to {search.output}")

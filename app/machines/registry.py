@@ -28,7 +28,7 @@ def _listed_machines(families: Iterable[Family]) -> str:
 
 
 LISTED = _listed_machines(FAMILIES)
-HAVE_WORKSPACE = _listed_machines(one for one in FAMILIES if one.workspace)
+HAVE_WORKSPACE = _listed_machines(family for family in FAMILIES if family.workspace)
 
 CRITERIA = "; ".join(
     family.criterion if family is FAMILIES[0] else f"{family.criterion} for a {family.name}"

@@ -68,17 +68,17 @@ def identifiability(question: Question, options: IdentifiabilityOptions) -> Answ
     from calib.design.identifiability import seen_by
     from calib.posterior.expected import expected_of
 
-    machine, procedure = _asked(question)
+    machine, procedure = _machine_and_procedure(question)
     planned = tripod_planning(machine, procedure, options.noise)
-    seen_parts = seen_by(planned)
+    identifiable = seen_by(planned)
     expected = expected_of(planned, machine.tolerances_mm())
     return Answer(
-        lambda: f"{identifiability_text(seen_parts)}\n\n{expected_text(expected)}",
-        lambda: IdentifiabilityReport.of(IdentifiabilityResults(seen_parts, expected)),
+        lambda: f"{identifiability_text(identifiable)}\n\n{expected_text(expected)}",
+        lambda: IdentifiabilityReport.of(IdentifiabilityResults(identifiable, expected)),
     )
 
 
-def _asked(question: Question) -> tuple[Machine, Procedure]:
+def _machine_and_procedure(question: Question) -> tuple[Machine, Procedure]:
     """A machine, with its usual procedure where none is named."""
     from protocols.machine import load_machine
     from protocols.procedure import procedure_on
@@ -119,7 +119,7 @@ def postures(
         raise UsageError("--count", "none", "how many postures to choose")
     may = may_write(search.output, ".toml", force=search.force)  # run --protocol takes no other
     minutes = options.mounting_seconds / 60.0
-    machine, like = _asked(question)
+    machine, like = _machine_and_procedure(question)
     planned = tripod_planning(machine, like, options.noise, minutes)
     with working("Looking for postures"):
         optimum = optimum_postures(
@@ -360,10 +360,10 @@ def workspace(name: str, limit: float, at_mm: Place | None) -> Answer:
             lambda: PostureReport.of(PostureResults(machine, posture)),
         )
     with working("Looking at the workspace"):
-        workspace_found = workspace_of(geometry, limit)
+        reachable = workspace_of(geometry, limit)
     return Answer(
-        lambda: workspace_text(machine, workspace_found),
-        lambda: WorkspaceReport.of(WorkspaceResults(machine, workspace_found)),
+        lambda: workspace_text(machine, reachable),
+        lambda: WorkspaceReport.of(WorkspaceResults(machine, reachable)),
     )
 
 

@@ -105,6 +105,9 @@ async def measure(pilot: Pilot[str], interface: Glidecal, *, photographed: bool)
                 reviewed = True
             await pilot.press("space")
     await until(pilot, "the result", lambda: isinstance(interface.screen, ResultScreen))
+    result = interface.screen
+    assert isinstance(result, ResultScreen)
+    await until(pilot, "the values", lambda: not working(result))
 
 
 async def photograph_measuring(pilot: Pilot[str], screen: MeasureScreen) -> None:

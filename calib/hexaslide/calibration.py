@@ -12,7 +12,14 @@ import numpy as np
 
 from calib.arrays import EXACT_BLIND, FloatArray, condition, named_inside, names_outside, svd_of_all
 from calib.errors import CalibrationError, NotIdentifiable
-from calib.hexaslide.geometry import HexaSlide, forward_near, motions
+from calib.hexaslide.geometry import (
+    LAID_OVER,
+    MOTIONS,
+    OF_TRACKER,
+    HexaSlide,
+    forward_near,
+    motions,
+)
 from calib.hexaslide.residuals import Readings, Residuals, postures_of, residuals, whitening
 from calib.stats import coverage_factor, variance_ratio_p_value
 
@@ -37,9 +44,11 @@ class Calibration:
     ``covariance`` ``(k, k)`` is that of what is seen, None where no noise is stated and no residual
     tells it. It holds for single parameters in ``known`` only, which have no share in what is
     unidentifiable: ``unidentifiable`` names the motions that no reading shows, the count is that of
-    all such combinations, ``null`` ``(k, count)`` spans them. ``before`` and ``after`` are the
-    residuals of start and result; ``square_sum`` weighted, in units of the variance.
-    ``degrees_of_freedom`` are those of the noise: infinite where it was stated.
+    all such combinations, ``null`` ``(k, count)`` spans them. ``laid_over`` are the motions by
+    which the platform is aligned before it is judged: those that no reading shows, and those of a
+    tracker's frame. ``before`` and ``after`` are the residuals of start and result; ``square_sum``
+    weighted, in units of the variance. ``degrees_of_freedom`` are those of the noise: infinite
+    where it was stated.
     """
 
     machine: HexaSlide
@@ -49,6 +58,7 @@ class Calibration:
     known: tuple[str, ...]
     unidentifiable: tuple[str, ...]
     unidentifiable_count: int
+    laid_over: tuple[str, ...]
     null: FloatArray
     rank: int
     condition_number: float
@@ -60,6 +70,11 @@ class Calibration:
     square_sum: float | None
     steps: int
     converged: bool
+
+    @property
+    def left_open(self) -> int:
+        """Combinations that no reading shows and that are no motions of frames as wholes."""
+        return self.unidentifiable_count - sum(name in MOTIONS for name in self.unidentifiable)
 
     @property
     def lack_of_fit(self) -> float | None:
@@ -190,14 +205,17 @@ def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Cal
     # papers/001 has the condition number of the bare derivatives, metres and radians
     bare = residuals(readings, point.machine, point.residuals.postures)[1]
     all_motions = motions(point.machine, names)
+    unidentifiable = tuple(name for _, name in named_inside(parts_seen.null, all_motions)[0])
+    free = {*unidentifiable, *(OF_TRACKER if readings.procedure.measures_places else ())}
     return Calibration(
         machine=point.machine,
         names=names,
         parameters=point.machine.parameters(names),
         covariance=None if variance is None else np.asarray(variance * (inverse @ inverse.T)),
         known=names_outside(parts_seen.null, names),
-        unidentifiable=tuple(name for _, name in named_inside(parts_seen.null, all_motions)[0]),
+        unidentifiable=unidentifiable,
         unidentifiable_count=len(names) - rank,
+        laid_over=tuple(name for name in LAID_OVER if name in free),
         null=parts_seen.null,
         rank=rank,
         condition_number=condition(bare.reshape(count, -1), rank),

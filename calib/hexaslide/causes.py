@@ -27,8 +27,8 @@ UNIT_WAVE_M = 1e-5
 UNIT_FRAME_M = 1e-3
 UNIT_OF_NOISE = 10.0
 """Unremarkable sizes: of a rail's scale and of growth (in 1), of play, offsets and crookedness, of
-a wave, of another frame (as of a start: smaller ones would widen every bound, for noise hides
-them), and of a wrong reading in standard deviations of its noise."""
+a wave, of another frame (as of a start: beside smaller ones no change of a leg would show, which
+moves the platform much as a frame does), and of a wrong reading in standard deviations."""
 
 BOW_M = 0.5
 """A rail that is bowed is off by its size so far from the middle of its travel."""

@@ -17,7 +17,7 @@ from calib.arrays import EXACT_BLIND, FloatArray
 from calib.hexaslide.arms import Numbers
 from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
 from calib.hexaslide.geometry import (
-    MOTIONS,
+    LAID_OVER,
     NAMES,
     Geometry,
     HexaSlide,
@@ -35,6 +35,10 @@ SPARE = 1.5
 ROUNDS = 6
 """Each squares what is left: from hundredths to rounding."""
 
+TURNS_M = 1e-3
+"""Metres that a turn of 1 rad counts like where frames are laid over: places come first, turns
+decide only on what moves none."""
+
 PAIRS = tuple(combinations(range(6), 2))
 
 STEP = 1e-30
@@ -45,14 +49,15 @@ STEP = 1e-30
 class FramesApart:
     """Constant motions that lay one machine over the other, and what they leave.
 
-    ``turned_rad`` and ``shifted_m`` are those of the platform's frame, ``base_turned_rad`` of the
-    base. ``apart_m`` ``(p, 3)`` and ``angles_rad`` ``(p,)`` are movements and angles left between
-    the postures.
+    ``turned_rad`` and ``shifted_m`` are those of the platform's frame, ``base_turned_rad`` and
+    ``base_shifted_m`` of the base. ``apart_m`` ``(p, 3)`` and ``angles_rad`` ``(p,)`` are movements
+    and angles left between the postures.
     """
 
     turned_rad: float
     shifted_m: float
     base_turned_rad: float
+    base_shifted_m: float
     apart_m: FloatArray
     angles_rad: FloatArray
 
@@ -216,37 +221,40 @@ def _against(
 
 
 def frames_apart(calibrated: FloatArray, true: FloatArray, free: tuple[str, ...]) -> FramesApart:
-    """Compare postures ``(p, 6)`` of two machines at the same sliders; ``free`` of `MOTIONS`."""
-    columns = [k for k, name in enumerate(MOTIONS) if name in free]
+    """Compare postures ``(p, 6)`` of two machines at the same sliders; ``free`` of `LAID_OVER`."""
+    columns = [k for k, name in enumerate(LAID_OVER) if name in free]
     places, turns = calibrated[:, :3], rotation(calibrated[:, 3:])
     true_turns = rotation(true[:, 3:])
-    total = np.zeros(7)
+    total, weight = np.zeros(len(LAID_OVER)), np.repeat([1.0, TURNS_M], 3)
     for _ in range(ROUNDS if columns else 0):
-        miss = np.concatenate([true[:, :3] - places, _vectors(true_turns, turns)], axis=1)
-        design = frame_motions(places, turns)[..., columns].reshape(miss.size, -1)
-        change = np.zeros(7)
+        miss = np.concatenate([true[:, :3] - places, _vectors(true_turns, turns)], axis=1) * weight
+        motions = frame_motions(places, turns)[..., columns] * weight[:, None]
+        design = motions.reshape(miss.size, -1)
+        change = np.zeros(len(LAID_OVER))
         change[columns] = np.linalg.lstsq(design, miss.ravel(), rcond=EXACT_BLIND)[0]
-        base = _about(np.array([change[6], 0.0, 0.0]))
-        places = (places + turns @ change[3:6]) @ base.T
+        base = _about(change[6:9])
+        places = (places + turns @ change[3:6]) @ base.T + change[9:]
         turns = base @ turns @ _about(change[:3])
         total += change
     angles = _vectors(true_turns, turns)
     return FramesApart(
         turned_rad=float(np.linalg.norm(total[:3])),
         shifted_m=float(np.linalg.norm(total[3:6])),
-        base_turned_rad=float(abs(total[6])),
+        base_turned_rad=float(np.linalg.norm(total[6:9])),
+        base_shifted_m=float(np.linalg.norm(total[9:])),
         apart_m=np.asarray(true[:, :3] - places),
         angles_rad=np.asarray(np.linalg.norm(angles, axis=1)),
     )
 
 
 def frame_motions(places: FloatArray, turns: FloatArray) -> FloatArray:
-    """Movement and turn ``(p, 6)`` of postures for each of the seven motions ``(p, 6, 7)``."""
-    design = np.zeros((len(places), 6, 7))
+    """Movement and turn of postures for each of `LAID_OVER` ``(p, 6, 12)``."""
+    design = np.zeros((len(places), 6, len(LAID_OVER)))
     design[:, 3:, :3] = turns
     design[:, :3, 3:6] = turns
-    design[:, :3, 6] = np.cross(np.array([1.0, 0.0, 0.0]), places)
-    design[:, 3, 6] = 1.0
+    design[:, :3, 6:9] = np.cross(np.eye(3), places[:, None, :]).swapaxes(1, 2)
+    design[:, 3:, 6:9] = np.eye(3)
+    design[:, :3, 9:] = np.eye(3)
     return design
 
 

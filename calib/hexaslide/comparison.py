@@ -1,7 +1,8 @@
 """Whether a machine is the same in two sessions: at its platform, and in lengths of its own.
 
 Each session has its machine from all of its models: parameters beside what may be missing, and
-that. Machines are laid over each other by motions of frames that no reading of either shows.
+that. Machines are laid over each other by motions of frames that no reading of either shows; a
+tracker that stands where it stood shows more than one that is set up anew.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from calib.hexaslide.calibration import Calibration
 from calib.hexaslide.checked import Known, frames_apart, lengths_alone
 from calib.hexaslide.correction import lengths_of, moved_by, over_all
 from calib.hexaslide.diagnosis import FEWEST_SPARE, WeighedCauses
-from calib.hexaslide.geometry import MOTIONS, HexaSlide
+from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.platform import Places
 from calib.stats import COVERAGE, root_quantile, variance_ratio_p_value
 
@@ -56,10 +57,7 @@ class MeasuredMachine:
     @property
     def tells(self) -> bool:
         """Whether readings leave nothing open but frames, and would show what bends the rest."""
-        calibrated = self.calibrated
-        motions = sum(name in MOTIONS for name in calibrated.unidentifiable)
-        all_shown = calibrated.unidentifiable_count == motions
-        return all_shown and calibrated.free_values >= FEWEST_SPARE
+        return not self.calibrated.left_open and self.calibrated.free_values >= FEWEST_SPARE
 
     @property
     def _root(self) -> FloatArray:

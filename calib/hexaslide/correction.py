@@ -54,7 +54,7 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
         return None
     models = models.usual(LEAST_WEIGHT)
     calibrated = models.calibrated
-    machine, names, free = calibrated.machine, calibrated.names, calibrated.unidentifiable
+    machine, names, free = calibrated.machine, calibrated.names, calibrated.laid_over
     along, by_axes = models.directions, models.directions / models.sizes
     # parameters beside an effect give way; those that are entered imitate it over the box
     given_way = models.given_way
@@ -81,7 +81,7 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
         spread = stands[:, of_entry] @ np.linalg.cholesky(covariance)
         squares.append(_square(off, np.hstack([by_noise, spread]), places.count))
     bound_m = None
-    if places.shows_all(calibrated):
+    if not calibrated.left_open:
         square, variance = np.array(squares).T
         bound_m = root_quantile(models.weights, square, variance, COVERAGE)
         bound_m *= models.excess**0.5

@@ -350,6 +350,16 @@ MOTIONS = (
 )
 """Of frames as wholes, on every machine."""
 
+OF_TRACKER = (
+    MOTIONS[-1],
+    *(f"base turned about {axis}" for axis in "YZ"),
+    *(f"base shifted along {axis}" for axis in "XYZ"),
+)
+"""Of the frame in which places are measured: nobody sets up a tracker exactly on the first rail."""
+
+LAID_OVER = (*MOTIONS, *OF_TRACKER[1:])
+"""What may be laid over a machine at its platform, in the order of `frame_motions`."""
+
 
 def motions(machine: HexaSlide, names: tuple[str, ...]) -> tuple[tuple[str, FloatArray], ...]:
     """Frames moved as wholes, as changes of the named parameters, each of unit length.

@@ -1,7 +1,8 @@
 """What a calibration means at the platform, over the whole box: off now, and off at most with it.
 
 Parameters alone say little where combinations of them are lost. Both figures are of places of the
-platform's origin; frames moved as wholes, which no reading shows, are laid over first.
+platform's origin. Frames are laid over first: those that no reading shows, and that of a tracker,
+which is known no better than somebody set it up.
 """
 
 from __future__ import annotations
@@ -15,7 +16,14 @@ from calib.errors import UnreachablePosture
 from calib.hexaslide.calibration import Calibration
 from calib.hexaslide.checked import FramesApart, frame_motions, frames_apart
 from calib.hexaslide.derivatives import jacobian
-from calib.hexaslide.geometry import MOTIONS, HexaSlide, forward_near, inverse, rotation
+from calib.hexaslide.geometry import (
+    LAID_OVER,
+    OF_TRACKER,
+    HexaSlide,
+    forward_near,
+    inverse,
+    rotation,
+)
 from calib.hexaslide.procedures import (
     WELL_HELD,
     Procedure,
@@ -46,13 +54,20 @@ FRAMES = 1e-9
 class PlatformError:
     """R.m.s. over the box, metres: ``now`` how far the platform is from where a controller that
     holds ``reference`` believes it, ``bound_m`` by how much it is off at most, in 95 of 100 cases,
-    with the calibrated machine. The bound is None where no noise is known, or where readings leave
-    more open than frames: ``left_open`` counts such combinations.
+    with the calibrated machine; both once it is aligned by the motions ``laid_over``. The bound is
+    None where no noise is known, or where readings leave more open than frames: ``left_open``
+    counts such combinations.
     """
 
     now: FramesApart
     bound_m: float | None
     left_open: int
+    laid_over: tuple[str, ...]
+
+    @property
+    def in_frame_of_tracker(self) -> bool:
+        """Whether what was measured has a frame of its own, which is laid over."""
+        return {*OF_TRACKER} <= {*self.laid_over}
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +75,7 @@ class Places:
     """Random postures for all of the box: ``sliders`` ``(p, 6)`` of a controller that holds the
     ``reference``, the machine's ``postures`` ``(p, 6)`` there, and by how much parameters of its
     geometry move the platform's origin, ``moved`` ``(3 p, k)``. The columns of ``frames`` span what
-    frames that no reading shows do there; it is taken out.
+    frames that are laid over do there; it is taken out.
     """
 
     reference: HexaSlide
@@ -68,7 +83,6 @@ class Places:
     postures: FloatArray
     moved: FloatArray
     frames: FloatArray
-    motion_count: int
 
     @staticmethod
     def of(
@@ -78,14 +92,14 @@ class Places:
         count: int = PLACES,
         seed: int = SEED,
     ) -> Places:
-        """Where a controller that holds ``reference`` sends a ``machine``; ``free`` of `MOTIONS`.
+        """Where a controller that holds ``reference`` sends a ``machine``; ``free`` of `LAID_OVER`.
 
         Raises UnreachablePosture, CalibrationError.
         """
         aims = held_postures(reference, count, seed)
         sliders = reference.sliders_at(aims)
         stands = np.asarray(forward_near(machine.geometry, sliders, aims))
-        motions = [k for k, name in enumerate(MOTIONS) if name in free]
+        motions = [k for k, name in enumerate(LAID_OVER) if name in free]
         frames = frame_motions(stands[:, :3], rotation(stands[:, 3:]))[:, :3]
         vectors, size, _ = np.linalg.svd(
             frames.reshape(-1, frames.shape[-1])[:, motions], full_matrices=False
@@ -94,16 +108,12 @@ class Places:
         forward = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)
         moved = np.asarray(jacobian(forward, machine.geometry, stands)[:, :3])
         moved = without(vectors, moved.reshape(3 * len(stands), -1))
-        return Places(reference, sliders, stands, moved, vectors, len(motions))
+        return Places(reference, sliders, stands, moved, vectors)
 
     @property
     def count(self) -> int:
         """Of the postures."""
         return len(self.postures)
-
-    def shows_all(self, calibrated: Calibration) -> bool:
-        """Whether readings leave nothing open but frames."""
-        return calibrated.unidentifiable_count == self.motion_count
 
     def error(
         self, calibrated: Calibration, machine: HexaSlide, bound_m: float | None
@@ -118,8 +128,8 @@ class Places:
         except UnreachablePosture:
             aims = held_postures(self.reference, self.count, SEED)
             stands = forward_near(machine.geometry, self.reference.sliders_at(aims), aims)
-        now = frames_apart(aims, np.asarray(stands), calibrated.unidentifiable)
-        return PlatformError(now, bound_m, calibrated.unidentifiable_count - self.motion_count)
+        now = frames_apart(aims, np.asarray(stands), calibrated.laid_over)
+        return PlatformError(now, bound_m, calibrated.left_open, calibrated.laid_over)
 
     def without_frames(self, moved: FloatArray) -> FloatArray:
         """Movements ``(3 p, c)`` less what frames take over: that is no error."""
@@ -142,9 +152,9 @@ def even_postures(machine: HexaSlide) -> FloatArray:
 
 def platform_error(reference: HexaSlide, calibrated: Calibration) -> PlatformError:
     """Of a controller that holds ``reference``. Raises UnreachablePosture, CalibrationError."""
-    places = Places.of(reference, calibrated.machine, calibrated.unidentifiable)
+    places = Places.of(reference, calibrated.machine, calibrated.laid_over)
     bound = None
-    if calibrated.covariance is not None and places.shows_all(calibrated):
+    if calibrated.covariance is not None and not calibrated.left_open:
         count = places.moved.shape[1]
         squares = calibrated.covariance[:count, :count] @ (places.moved.T @ places.moved)
         mean, variance = np.trace(squares), 2.0 * np.trace(squares @ squares)

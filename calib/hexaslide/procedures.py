@@ -115,6 +115,11 @@ class Procedure:
         return linked and self.measured[:1] == (LINK_LENGTH,)
 
     @property
+    def measures_places(self) -> bool:
+        """Whether a tracker, with a frame of its own, measures where the platform is."""
+        return {*COMPONENTS[:3]} <= {*self.measured}
+
+    @property
     def has_rigid_link(self) -> bool:
         """Whether a link holds the platform, so that the sliders themselves are what is read."""
         return self.kind is ProcedureKind.CONSTRAINT_LINK and not self.reads_length

@@ -83,7 +83,7 @@ def remaining(kind: str, seed: int, cause: Hidden | None = None) -> Remaining:
     models = weighed(readings.without(wrong), nominal, tolerances, LEAD_M)
     correction = correction_of(models, nominal)
     assert correction is not None
-    free = plain.unidentifiable
+    free = plain.laid_over
     law = calibrate(measured(true, file, kind, Hidden(None), same_noise), nominal)
     plain_mm, entered_mm, law_mm = (
         off_mm(machine, true, cause, middle, free)

@@ -72,7 +72,7 @@ def _results(certified: CertifiedPostures) -> Iterator[Result]:
     yield Result("Values to enter", NOT_ALONE, [*_entered(calibrated)])
     yield Result(
         "Error of the platform over the box",
-        "Places of its origin, frames that no reading shows laid over.",
+        "Places of its origin, frames that no reading shows, and that of a tracker, laid over.",
         [*_platform(document.platform, "as measured", "with the calibrated machine, predicted")],
     )
     yield Result(

@@ -303,6 +303,9 @@ class PlatformReport(Report):
         "off at most with the calibrated machine, 95 %; null where not known",
     )
     left_open: int = of(lambda r: r.left_open, "lost combinations other than motions of frames")
+    in_frame_of_tracker: bool = of(
+        lambda r: r.in_frame_of_tracker, "aligned by a shift and a turn of what was measured"
+    )
 
 
 class HexaSlideVerificationReport(Report):

@@ -152,9 +152,14 @@ def _next_lines(verified: VerifiedMachine) -> list[str]:
         lines.append("Measure more postures, or with less noise.")
     elif verified.decision == "fail":
         lines.append("Calibrate once more from the second session.")
+    if verified.after.platform.in_frame_of_tracker:
+        lines.append(OF_TRACKER)
     if directions := verified.after.found.unidentifiable:
         lines.append(f"Laid over, for no reading shows it: {'; '.join(directions)}.")
     return lines
+
+
+OF_TRACKER = "The tracker's frame is laid over: a shift and a turn are no error of the platform."
 
 
 def platform_text(document: HexaSlideCalibrationReport) -> str:
@@ -162,6 +167,8 @@ def platform_text(document: HexaSlideCalibrationReport) -> str:
     platform, frames = document.platform, ""
     if document.lost_motions:
         frames = " Frames that nothing shows are laid over."
+    if platform.in_frame_of_tracker:
+        frames += f" {OF_TRACKER}"
     largest = (
         f"by at most {platform.bound_rms_mm:.3g} mm r.m.s. with the calibrated machine (95 %)."
         if platform.bound_rms_mm is not None

@@ -73,7 +73,7 @@ def test_a_simulated_session_is_calibrated_to_its_machine(procedure: str, tmp_pa
         np.asarray(forward_near(machine.geometry, sliders, postures))
         for machine in (solved.found.machine, truth)
     ]
-    free = solved.found.unidentifiable
+    free = solved.found.laid_over
     residual_m = frames_apart(stands[0], stands[1], free).places_rms_m
     before = frames_apart(postures, stands[1], free).places_rms_m
     assert solved.platform.bound_m is not None, "whether it holds: test_hexaslide_platform"

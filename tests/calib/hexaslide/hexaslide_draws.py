@@ -1,8 +1,9 @@
-"""Machines drawn from nothing: no part of them is taken from the example H60."""
+"""Machines drawn from nothing: no part of them is taken from the example H60; places aligned."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from calib.arrays import FloatArray
 from calib.hexaslide.derivatives import jacobian
@@ -15,6 +16,16 @@ SHAPES = ("any", "planar platform", "planar base", "parallel rails", "flat", "sy
 HALF = np.array([0.3, 0.3, 0.3, 0.26, 0.26, 0.52])
 LEAST_LEAN_M = 0.2
 STEP = 1e-30
+
+
+def aligned_rms_m(places: FloatArray, others: FloatArray) -> float:
+    """R.m.s. between places ``(p, 3)`` once a shift and a turn lay them over each other.
+
+    By scipy's solution of Wahba's problem, not by the program's motions of frames.
+    """
+    first, second = (part - part.mean(axis=0) for part in (places, others))
+    turned, _ = Rotation.align_vectors(second, first)
+    return float(np.sqrt(((turned.apply(first) - second) ** 2).sum(axis=1).mean()))
 
 
 def drawn_machine(seed: int, shape: str) -> HexaSlide:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from calib.arrays import FloatArray
 from calib.errors import NotIdentifiable
 from calib.hexaslide.correction import correction_of
 from calib.hexaslide.diagnosis import diagnosed, weighed
+from calib.hexaslide.residuals import Readings
 from protocols.hexaslide import load_hexaslide
 from tests.blind.hexaslide import LEAD_M, POSTURES, Hidden, Plain, case, measured
 from tests.blind.hexaslide_correction import off_mm
@@ -51,18 +54,25 @@ def test_what_shows_is_named_with_its_size(kind: str, what: Hidden) -> None:
 SHIFT_MM, TURN_MRAD = (3.0, -2.0, 4.0), (0.0, 2.0, -1.5)
 
 
+def moved_frame(
+    readings: Readings, shift_mm: Sequence[float], turn_mrad: Sequence[float]
+) -> FloatArray:
+    """What a tracker reads whose frame is off by so much."""
+    turn, values = Rotation.from_rotvec(1e-3 * np.array(turn_mrad)), readings.measured.copy()
+    values[:, :3] = turn.apply(values[:, :3]) + 1e-3 * np.array(shift_mm)
+    if values.shape[1] > 3:
+        values[:, 3:] = (turn * Rotation.from_euler("YXZ", values[:, 3:])).as_euler("YXZ")
+    return values
+
+
 @pytest.mark.parametrize("kind", first_quick(("position", "pose-forward")))
 def test_another_frame_of_the_tracker_is_named_and_bends_no_parameter(kind: str) -> None:
     """Shifted and turned by so little that no posture alone departs from what is expected."""
     chance = np.random.default_rng(4)
     true = Plain(FILE, chance)
     readings = measured(true, FILE, kind, NOTHING, chance)
-    turn, values = Rotation.from_rotvec(1e-3 * np.array(TURN_MRAD)), readings.measured.copy()
-    values[:, :3] = turn.apply(values[:, :3]) + 1e-3 * np.array(SHIFT_MM)
-    if kind == "pose-forward":
-        values[:, 3:] = (turn * Rotation.from_euler("YXZ", values[:, 3:])).as_euler("YXZ")
     tolerances = FILE.tolerances.of(readings.procedure.parameters)
-    in_frame = replace(readings, measured=values)
+    in_frame = replace(readings, measured=moved_frame(readings, SHIFT_MM, TURN_MRAD))
     diagnosis = diagnosed(in_frame, FILE.whole(), tolerances, LEAD_M)
     assert diagnosis.verdict == "explained"
     assert [claim.causes for claim in diagnosis.named] == [(("other_frame", "all postures"),)]
@@ -74,9 +84,38 @@ def test_another_frame_of_the_tracker_is_named_and_bends_no_parameter(kind: str)
     correction = correction_of(weighed(in_frame, FILE.whole(), tolerances, LEAD_M), FILE.whole())
     assert correction is not None
     assert correction.platform.bound_m is not None
+    assert correction.platform.in_frame_of_tracker
     middle = readings.sliders.mean(axis=0)
-    off = off_mm(correction.machine, true, NOTHING, middle, diagnosis.unidentifiable)
-    assert off <= 1e3 * correction.platform.bound_m < 1.5
+    off = off_mm(correction.machine, true, NOTHING, middle, correction.platform.laid_over)
+    assert off <= 1e3 * correction.platform.bound_m < 0.03
+
+
+@LONG
+@pytest.mark.parametrize("kind", ["position", "pose-forward"])
+def test_a_frame_too_small_to_be_named_makes_no_bound_untrue(kind: str) -> None:
+    """0.04 to 0.4 mm and mrad, as trackers are set up: the bound holds where it is laid over.
+
+    In 95 of 100: of 24 machines 20 or more in all but six of a thousand such tests. In rails' own
+    frame, which was judged before, one of these is within.
+    """
+    within_bound = 0
+    for seed in range(24):
+        chance, draw = np.random.default_rng(60_000 + seed), np.random.default_rng(seed)
+        true = Plain(FILE, chance)
+        readings = measured(true, FILE, kind, NOTHING, chance)
+        size = 0.2 * float(np.exp(draw.uniform(np.log(0.2), np.log(2.0))))
+        shift_mm, turn_mrad = size * draw.standard_normal((2, 3))
+        tolerances = FILE.tolerances.of(readings.procedure.parameters)
+        in_frame = replace(readings, measured=moved_frame(readings, shift_mm, turn_mrad))
+        models = weighed(in_frame, FILE.whole(), tolerances, LEAD_M)
+        correction = correction_of(models, FILE.whole())
+        assert correction is not None
+        bound_m, free = correction.platform.bound_m, correction.platform.laid_over
+        assert bound_m is not None
+        middle = readings.sliders.mean(axis=0)
+        off = off_mm(correction.machine, true, NOTHING, middle, free)
+        within_bound += off <= 1e3 * bound_m < 0.03
+    assert within_bound >= 20
 
 
 def test_sound_machines_are_not_accused() -> None:

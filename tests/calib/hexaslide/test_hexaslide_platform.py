@@ -19,6 +19,7 @@ from calib.hexaslide.procedures import Procedure, held_postures
 from calib.hexaslide.simulation import disturbed, measure
 from protocols.hexaslide import load_hexaslide
 from protocols.hexaslide_session import commands, load_posture_procedure, procedure_names
+from tests.calib.hexaslide.hexaslide_draws import aligned_rms_m
 from tests.conftest import LONG, first_quick
 
 FILE = load_hexaslide()
@@ -46,8 +47,8 @@ def test_the_platform_bound_holds(name: str) -> None:
             np.asarray(forward_near(machine.geometry, sliders, places))
             for machine in (calibration.machine, truth)
         ]
-        actual_m = frames_apart(stands[0], stands[1], calibration.unidentifiable).places_rms_m
-        before = frames_apart(places, stands[1], calibration.unidentifiable).places_rms_m
+        actual_m = frames_apart(stands[0], stands[1], calibration.laid_over).places_rms_m
+        before = frames_apart(places, stands[1], calibration.laid_over).places_rms_m
         assert error.left_open == 0
         assert error.bound_m is not None
         assert error.bound_m < 0.5 * before
@@ -56,17 +57,17 @@ def test_the_platform_bound_holds(name: str) -> None:
 
 
 def test_the_error_now_is_that_of_all_of_the_box() -> None:
-    """Beside 10,000 random places, whose r.m.s. varies by 0.2 %; that of 200 was off by 1.4 %, more
-    than the bound that stands beside it.
+    """Beside 40,000 random places, whose r.m.s. varies by 0.4 %; that of 200 by 4 %, more than the
+    bound that stands beside it. The tracker's frame is laid over.
     """
     procedure, generator = Procedure.of("pose-forward"), np.random.default_rng(5)
     truth = disturbed(NOMINAL, procedure, 1e-3, generator)
     readings = measure(procedure, NOMINAL, truth, NOMINAL.random(24, generator), generator)
     error = platform_error(NOMINAL, calibrate(readings, NOMINAL))
-    aims = held_postures(NOMINAL, 10_000, 99)
+    aims = held_postures(NOMINAL, 40_000, 99)
     stands = forward_near(truth.geometry, NOMINAL.sliders_at(aims), aims)
-    actual_m = float(np.sqrt(((stands - aims)[:, :3] ** 2).sum(axis=1).mean()))
-    assert error.now.places_rms_m == pytest.approx(actual_m, rel=0.005)
+    actual_m = aligned_rms_m(np.asarray(stands)[:, :3], aims[:, :3])
+    assert error.now.places_rms_m == pytest.approx(actual_m, rel=0.012)
 
 
 def test_poor_postures_have_no_bound() -> None:

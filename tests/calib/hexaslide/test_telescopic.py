@@ -133,7 +133,7 @@ def test_parameters_lie_in_their_intervals_and_the_bound_holds() -> None:
         fresh = some(60, 900 + seed)
         drives = np.asarray(inverse(calibration.machine.geometry, fresh))
         stood = np.array([truth.stands(*pair) for pair in zip(drives, fresh, strict=True)])
-        within_bound += frames_apart(fresh, stood, ()).places_rms_m <= bound_m
+        within_bound += frames_apart(fresh, stood, calibration.laid_over).places_rms_m <= bound_m
     assert abs(within - 0.95 * 740) <= 4.0 * np.sqrt(740 * 0.95 * 0.05)
     assert within_bound >= 17, "a binomial of 20 and 95 % is below 17 once in 60 times"
 

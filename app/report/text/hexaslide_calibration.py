@@ -159,7 +159,7 @@ def _next_lines(verified: VerifiedMachine) -> list[str]:
     return lines
 
 
-OF_TRACKER = "The tracker's frame is laid over: a shift and a turn are no error of the platform."
+OF_TRACKER = "A shift and a turn of the tracker's frame are taken out first."
 
 
 def platform_text(document: HexaSlideCalibrationReport) -> str:

@@ -31,12 +31,10 @@ from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import fewest_postures
 from calib.hexaslide.platform import PlatformError, platform_error
 from calib.hexaslide.residuals import Readings, postures_of
+from calib.stats import UNLIKELY
 from protocols.hexaslide import HexaSlideMeasurements, read_truth
 from protocols.hexaslide_measured import measured_in
 from protocols.hexaslide_model import HexaSlideModel, read_hexaslide_model
-
-LACK_OF_FIT_LEVEL = 0.01
-"""Below this p-value more is left than noise."""
 
 SHARE = 0.2
 """Of the postures, kept out as a check."""
@@ -63,8 +61,8 @@ class CalibratedMachine(Checked):
 
     @property
     def fits(self) -> bool:
-        """Whether what is left may be noise, by `LACK_OF_FIT_LEVEL`; also where none is stated."""
-        return self.found.p_value is None or self.found.p_value >= LACK_OF_FIT_LEVEL
+        """Whether what is left may be noise, by `UNLIKELY`; also where none is stated."""
+        return self.found.p_value is None or self.found.p_value >= UNLIKELY
 
 
 def calibrate_file(

@@ -194,3 +194,24 @@ def test_one_value_that_is_off_by_little_is_told_and_kept(pose: Path, tmp_path: 
     assert len(session.readings) == 16
     assert len(odd) == 1
     assert odd[0].startswith("line 5, ")
+
+
+def test_one_posture_read_often_teaches_nothing(pose: Path, tmp_path: Path) -> None:
+    """24 times the same, with noise: neither a calibration nor agreement."""
+    rows, chance = table(tmp_path / "t.csv", pose), np.random.default_rng(3)
+    turns = np.degrees(1e-5 * chance.normal(size=(24, 3)))
+    places = 0.01 * chance.normal(size=(24, 3))
+    again = [
+        [
+            *rows[2][:7],
+            *(repr(float(cell) + off) for cell, off in zip(rows[2][7:], noise, strict=True)),
+        ]
+        for noise in np.hstack([places, turns]).tolist()
+    ]
+    write(tmp_path / "t.csv", [*rows[:2], *again])
+    session, _ = import_postures(tmp_path / "t.csv", plan(tmp_path / "s.jsonl", "pose-forward"))
+    assert len(session.readings) == 24
+    assert "found 1. Allowed: 9 or more" in refused(5, "solve", tmp_path / "s.jsonl")
+    diagnosis = glidecal("diagnose", tmp_path / "s.jsonl").out
+    assert "s.jsonl: cannot-tell" in diagnosis
+    assert "0 beyond the parameters. Measure more different postures" in " ".join(diagnosis.split())

@@ -215,3 +215,18 @@ def test_one_posture_read_often_teaches_nothing(pose: Path, tmp_path: Path) -> N
     diagnosis = glidecal("diagnose", tmp_path / "s.jsonl").out
     assert "s.jsonl: cannot-tell" in diagnosis
     assert "0 beyond the parameters. Measure more different postures" in " ".join(diagnosis.split())
+
+
+def test_the_noise_of_a_table_is_stated_beside_it(pose: Path, tmp_path: Path) -> None:
+    filled, out = tmp_path / "t.csv", tmp_path / "s.jsonl"
+    table(filled, pose)
+    importing = (*IMPORT, "pose-forward", filled, "-o", out)
+    assert "found 0 mm and 0.001°. Allowed: both 0" in refused(2, *importing, "--noise-mm", "0")
+    template = (*IMPORT, "pose-forward", "--template", tmp_path / "e.csv", "--noise-deg", "0.01")
+    assert "with a table to be read" in refused(2, *template)
+    assert not out.exists()
+    assert glidecal(*importing, "--noise-mm", "0.02").status == 0
+    procedure = read_postures(out)[0].opened.procedure
+    assert (procedure.noise_mm, procedure.noise_deg) == (0.02, 0.001)
+    noise = json.loads(glidecal("solve", out, "--json").out)["noise"]
+    assert noise["length_mm"] == pytest.approx(0.02)

@@ -194,6 +194,9 @@ def typed_values(text: str, procedure: Procedure) -> tuple[SixMm | None, Values]
     return (cast("SixMm", numbers[:CHAINS]) if sliders else None), numbers[sliders:]
 
 
+FIRST_APPROACH = "Come to the first posture with all sliders going up: play goes by it."
+"""Which way they came to the others follows from the posture before."""
+
 LARGEST = 1e5
 """Of a value that is typed, mm or degrees."""
 

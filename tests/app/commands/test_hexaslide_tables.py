@@ -29,7 +29,9 @@ def test_the_template_is_filled_in_and_imported(pose: Path, tmp_path: Path) -> N
     empty, filled, out = (tmp_path / name for name in ("empty.csv", "t.csv", "s.jsonl"))
     import_run = glidecal(*IMPORT, "pose-forward", "--template", empty)
     assert import_run.status == 0, import_run.err
-    blank = list(csv.reader(empty.read_text("utf-8").splitlines()))
+    way, *lines = empty.read_text("utf-8").splitlines()
+    assert way == "# Come to the first posture with all sliders going up: play goes by it."
+    blank = list(csv.reader(lines))
     rows = table(filled, pose)
     assert blank[:2] == rows[:2]
     assert [row[1:7] for row in blank[2:]] == [

@@ -105,6 +105,15 @@ class PostureProcedure(Document):
         rows = np.hstack([1000.0 * postures[:, :3], np.degrees(postures[:, 3:])])
         return self.model_copy(update={"postures": tuple(map(tuple, rows.round(6).tolist()))})
 
+    def with_noise(self, noise_mm: float | None, noise_deg: float | None) -> PostureProcedure:
+        """The same with another noise, None: as it is. Raises UsageError where one alone is 0."""
+        length_mm = self.noise_mm if noise_mm is None else noise_mm
+        angle_deg = self.noise_deg if noise_deg is None else noise_deg
+        if (length_mm == 0.0) != (angle_deg == 0.0):
+            stated = f"{length_mm:g} mm and {angle_deg:g}°"
+            raise UsageError("--noise-mm and --noise-deg", stated, "both 0 (not known), or neither")
+        return self.model_copy(update={"noise_mm": length_mm, "noise_deg": angle_deg})
+
 
 def procedure_names() -> tuple[str, ...]:
     """Those that come with the program."""
@@ -184,6 +193,9 @@ def typed_values(text: str, procedure: Procedure) -> tuple[SixMm | None, Values]
     numbers = tuple(float(word) for word in words)
     return (cast("SixMm", numbers[:CHAINS]) if sliders else None), numbers[sliders:]
 
+
+FIRST_APPROACH = "Come to the first posture with all sliders going up: play goes by it."
+"""Which way they came to the others follows from the posture before."""
 
 LARGEST = 1e5
 """Of a value that is typed, mm or degrees."""

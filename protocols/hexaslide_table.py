@@ -20,6 +20,7 @@ from calib.hexaslide.procedures import ANGLES, MEASURABLE
 from protocols.data_table import COMMA, NUMBER, check_separators, csv_text, lines_of
 from protocols.hexaslide import MOST_POSTURES, HexaSlideMachine
 from protocols.hexaslide_session import (
+    FIRST_APPROACH,
     LARGEST,
     PostureCommands,
     PostureProcedure,
@@ -45,7 +46,7 @@ def empty_table(planned: PostureCommands) -> str:
     procedure = planned.procedure.whole()
     names = procedure.measured
     units = ["", *["mm"] * CHAINS, *("deg" if name in ANGLES else "mm" for name in names)]
-    rows = [["posture", *SLIDERS, *names], units]
+    rows = [[f"# {FIRST_APPROACH}"], ["posture", *SLIDERS, *names], units]
     for number in range(1, len(planned.procedure.postures) + 1):
         cells = (
             [""] * CHAINS

@@ -31,12 +31,10 @@ from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import fewest_postures
 from calib.hexaslide.platform import PlatformError, platform_error
 from calib.hexaslide.residuals import Readings, postures_of
+from calib.stats import UNLIKELY
 from protocols.hexaslide import HexaSlideMeasurements, read_truth
 from protocols.hexaslide_measured import measured_in
 from protocols.hexaslide_model import HexaSlideModel, read_hexaslide_model
-
-LACK_OF_FIT_LEVEL = 0.01
-"""Below this p-value more is left than noise."""
 
 SHARE = 0.2
 """Of the postures, kept out as a check."""
@@ -50,6 +48,8 @@ class CalibratedMachine(Checked):
     may be missing; so do its ``parameters`` and ``lengths_m``, but where that cannot be determined:
     then they are by the noise alone. ``left_out`` are the numbers of postures that the diagnosis
     names as mistakes, ``adopted`` effects of a model, with sizes that were fitted again.
+    ``p_beside`` is the p-value of what the likeliest causes leave, which `platform` counts; None
+    where no causes could be weighed.
     """
 
     name: str
@@ -60,11 +60,13 @@ class CalibratedMachine(Checked):
     lengths_m: Known
     left_out: tuple[int, ...] = ()
     adopted: tuple[AdoptedEffect, ...] = ()
+    p_beside: float | None = None
 
     @property
     def fits(self) -> bool:
-        """Whether what is left may be noise, by `LACK_OF_FIT_LEVEL`; also where none is stated."""
-        return self.found.p_value is None or self.found.p_value >= LACK_OF_FIT_LEVEL
+        """Whether what parameters and causes leave may be noise; also where none is stated."""
+        p_value = self.found.p_value if self.p_beside is None else self.p_beside
+        return p_value is None or p_value >= UNLIKELY
 
 
 def calibrate_file(
@@ -114,7 +116,10 @@ def calibrated_for(
     adopted = () if models is None else models.resized()
     readings = with_effects(readings, nominal, _lead_m(source), adopted)
     calibrations = [checked_calibration(readings, nominal, true, share) for share in shares]
-    common = None if models is None else correction_of(models, nominal)
+    common, p_beside = None, None
+    if models is not None and models.entries:
+        common = correction_of(models, nominal)
+        p_beside = models.mean_square(models.entries[0])[1]
     machines = []
     for checked in calibrations:
         correction = common
@@ -132,6 +137,7 @@ def calibrated_for(
                 lengths_m=correction.lengths_m or lengths_alone(checked.found),
                 left_out=wrong,
                 adopted=adopted,
+                p_beside=p_beside,
             )
         )
     return machines
@@ -247,7 +253,7 @@ def decided(solved: CalibratedMachine, tolerance_mm: float) -> Decision:
     off_mm, bound_m = 1000.0 * solved.platform.now.places_rms_m, solved.platform.bound_m
     if bound_m is None:
         return "undecided"
-    # what the model does not have may do more at the platform than any bound of it counts
+    # what neither parameters nor causes explain may do more at the platform than the bound counts
     if off_mm + 1000.0 * bound_m <= tolerance_mm and solved.fits:
         return "pass"
     return "fail" if off_mm - 1000.0 * bound_m > tolerance_mm else "undecided"

@@ -20,6 +20,7 @@ from app.machines.options import (
     SessionVerbs,
     file,
     may_replace,
+    number,
     working,
 )
 from calib.errors import IndicatorError, RecordError, UsageError
@@ -34,6 +35,7 @@ if TYPE_CHECKING:  # heavy: imported where used
 
 NAME = "hexaslide"
 HELP = "Hexa Slide: postures (.csv) instead of those of the procedure."
+OF_PROCEDURE = "default: that of the procedure."
 WAYS = "again, skip REASON, pause"
 ANSWERS = (
     "again (it is not used; its posture is read once more), keep (it is used), pause (the "
@@ -46,6 +48,14 @@ class ImportOptions:
     """Of ``import``."""
 
     posture_file: Annotated[Path | None, file(HELP)] = None
+    noise_mm: Annotated[
+        float | None,
+        number(f"Hexa Slide: standard deviation of a measured length, mm; {OF_PROCEDURE}", 0, 100),
+    ] = None
+    noise_deg: Annotated[
+        float | None,
+        number(f"Hexa Slide: standard deviation of a measured angle, °; {OF_PROCEDURE}", 0, 100),
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -91,7 +101,10 @@ def imported(importing: Importing, options: ImportOptions, say: Say) -> None:
     if output is None:
         raise UsageError("--output", "none", "-o SESSION, or --template to write an empty table")
     plan = _plan(output, importing.machine, importing.protocol, options.posture_file)
+    noise = {"noise_mm": options.noise_mm, "noise_deg": options.noise_deg}
     if importing.template:
+        if any(value is not None for value in noise.values()):
+            raise UsageError("--noise-mm, --noise-deg", "--template", "with a table to be read")
         may = may_replace(importing.force, output)
         write_files(output, {"": empty_table(plan.commands())}, replace=may)
         say(f"{plan.procedure.name} to be filled in, units in the second row: {output}")
@@ -100,7 +113,12 @@ def imported(importing: Importing, options: ImportOptions, say: Say) -> None:
         raise UsageError("--posture-file", "no --template", "with --template, or with run")
     session, odd = import_postures(
         importing.source,
-        replace(plan, note=" ".join(importing.remarks), measured_on=importing.measured_on),
+        replace(
+            plan,
+            procedure=plan.procedure.with_noise(**noise),
+            note=" ".join(importing.remarks),
+            measured_on=importing.measured_on,
+        ),
     )
     for words in odd:
         say(f"glidecal: {words}")

@@ -82,11 +82,12 @@ class PosturePlan:
 @dataclass(frozen=True)
 class PostureTask:
     """What the operator does next: posture ``number`` of ``count``, the sliders for it, where the
-    platform then is, and what is typed.
+    platform then is, and what is typed. ``is_first``: nothing was read before.
     """
 
     number: int
     count: int
+    is_first: bool
     sliders_mm: SixMm
     posture: PostureMmDeg
     attach: str
@@ -171,6 +172,7 @@ class PostureTaking:
         return PostureTask(
             number,
             len(procedure.postures),
+            not self.session.readings,
             self.asked.of(number),
             procedure.postures[number - 1],
             procedure.attach,

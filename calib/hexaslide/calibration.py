@@ -128,14 +128,14 @@ class _Seen:
 def calibrate(readings: Readings, start: HexaSlide, *, fewest: int = 1) -> Calibration:
     """Identify from ``start``, at most a dozen steps, each shortened until it is an improvement.
 
-    ``fewest`` postures are what the procedure needs; `calib.hexaslide.planning.fewest_postures`
-    counts them. Raises NotIdentifiable for fewer, or where the steps do not settle, and
-    UnreachablePosture for a posture that the machine at the start cannot take.
+    ``fewest`` different postures are what the procedure needs, counted by
+    `calib.hexaslide.planning.fewest_postures`. Raises NotIdentifiable for fewer, or where the steps
+    do not settle, and UnreachablePosture for a posture that the machine at the start cannot take.
     """
-    if len(readings.sliders) < fewest:
+    if readings.different < fewest:
         raise NotIdentifiable(
-            f"postures for {readings.procedure.kind.value}",
-            f"{len(readings.sliders)}",
+            f"different postures for {readings.procedure.kind.value}",
+            f"{readings.different}",
             f"{fewest} or more",
             "Measure more postures.",
         )

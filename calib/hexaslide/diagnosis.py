@@ -137,7 +137,11 @@ class WeighedCauses:
 
     @property
     def spare(self) -> int:
-        """Readings beyond the parameters and adopted sizes that they determine."""
+        """Readings beyond the parameters and adopted sizes that they determine; none where
+        parameters take up all different postures, for readings of the same tell noise alone.
+        """
+        if self.readings.different * len(self.readings.procedure.read) <= len(self.sizes):
+            return 0
         sizes_of_model = sum(len(self.race.columns[k]) for k in self.free.members)
         return len(self.whitened) - len(self.sizes) - sizes_of_model
 

@@ -33,6 +33,9 @@ from calib.hexaslide.procedures import ANGLES, COMPONENTS, Procedure, ProcedureK
 
 CHECK = "Look for a wrong reading, order of the sliders, or unit: metres and radians."
 
+SAME_M = 1e-4
+"""Sliders that a link holds are read with noise: so near they are those of one posture."""
+
 
 @dataclass(frozen=True, eq=False)
 class Readings:
@@ -81,6 +84,11 @@ class Readings:
     def number(self, row: int) -> int:
         """The number of a posture in messages."""
         return self.numbers[row] if self.numbers else row + 1
+
+    @property
+    def different(self) -> int:
+        """How many postures, those counted once that were read again."""
+        return len(np.unique(np.round(self.sliders / SAME_M), axis=0))
 
     def take(self, rows: NDArray[np.bool_]) -> Readings:
         """Only the postures where ``rows`` ``(p,)`` is true, with their numbers."""

@@ -8,15 +8,12 @@ from typing import TypeVar
 
 from rich.table import Table
 
-from app.evaluating.hexaslide_calibration import (
-    LACK_OF_FIT_LEVEL,
-    CalibratedMachine,
-    VerifiedMachine,
-)
+from app.evaluating.hexaslide_calibration import CalibratedMachine, VerifiedMachine
 from app.report.schema.hexaslide import HexaSlideCalibrationReport, Rms
 from app.report.text.hexaslide_diagnosis import beside_words
 from app.report.text.tables import new_table, paragraphs, signed
 from calib.hexaslide.procedures import ProcedureKind
+from calib.stats import UNLIKELY
 from protocols.hexaslide import HexaSlideMeasurements
 
 Number = TypeVar("Number", float, Decimal)
@@ -212,7 +209,7 @@ def caveats(document: HexaSlideCalibrationReport) -> list[str]:
             "from the other postures."
         )
     p_value = document.lack_of_fit.p_value
-    if p_value is not None and p_value < LACK_OF_FIT_LEVEL:
+    if p_value is not None and p_value < UNLIKELY:
         ratio = math.sqrt(document.lack_of_fit.statistic or 0.0)
         lines.append(
             f"WARNING: what is left is {ratio:.1f} times the stated noise: a wrong reading, a "

@@ -38,7 +38,7 @@ VERDICTS = {
     "ambiguous": "The readings do not tell which of these it is.",
     "unexplained": "More is left than noise, and no cause that is known explains it.",
     "cannot-tell": "Too few readings are over to tell what is missing: {} beyond the parameters. "
-    "Measure more postures.",
+    "Measure more different postures.",
 }
 MOST_CLAIMS = 8
 

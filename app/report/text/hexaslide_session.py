@@ -10,7 +10,7 @@ from app.measuring.hexaslide import PostureDoubt, PostureTask, departed
 from app.report.text.tables import WIDTH, hanging, new_table, paragraphs, wrapped
 from calib.hexaslide.geometry import CHAINS
 from calib.hexaslide.procedures import ANGLES
-from protocols.hexaslide_session import PostureCommands, PostureSession
+from protocols.hexaslide_session import FIRST_APPROACH, PostureCommands, PostureSession
 
 COORDINATES = ("x", "y", "z", "theta", "psi", "phi")
 SLIDERS = tuple(f"slider {chain}" for chain in range(1, CHAINS + 1))
@@ -35,6 +35,8 @@ def task_text(task: PostureTask) -> str:
     ]
     if task.attach:
         lines.append(hanging(f"  attach          {task.attach}", " " * 18))
+    if task.is_first:
+        lines.append(f"  {FIRST_APPROACH}")
     return "\n".join(lines)
 
 
@@ -68,7 +70,7 @@ def plan_text(planned: PostureCommands) -> str:
     ]
     return paragraphs(
         f"{planned.procedure.name}: {len(planned.procedure.postures)} postures, mm and degrees. "
-        f"{planned.procedure.attach}",
+        f"{planned.procedure.attach} {FIRST_APPROACH}",
         _stacked(["posture"], [*COORDINATES, *SLIDERS], rows),
     )
 

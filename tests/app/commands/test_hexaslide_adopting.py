@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.evaluating.hexaslide_calibration import calibrate_file, decided
+from app.report.schema.hexaslide import HexaSlideCalibrationReport
+from app.report.text.hexaslide_calibration import caveats
 from calib.errors import RecordError
 from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.residuals import Readings
@@ -107,6 +110,19 @@ def test_solve_fits_the_size_beside_the_parameters(scaled: Measured) -> None:
     # what is entered counted the scale already: it needs no adoption
     bounds = [solution["platform"]["bound_rms_mm"] for solution in (without, beside)]
     assert bounds[1] == pytest.approx(bounds[0], rel=0.05)
+
+
+def test_a_cause_that_explains_the_rest_does_not_hinder_a_pass(scaled: Measured) -> None:
+    """The bound counts it. Parameters alone leave more than noise, of which `solve` warns."""
+    solved = calibrate_file(scaled.second, None, 0.0)
+    assert solved.found.p_value is not None
+    assert solved.found.p_value < 1e-3
+    assert solved.platform.bound_m is not None
+    least_mm = 1000.0 * (solved.platform.now.places_rms_m + solved.platform.bound_m)
+    assert decided(solved, 1.001 * least_mm) == "pass"
+    assert decided(solved, 0.999 * least_mm) == "undecided"
+    document = HexaSlideCalibrationReport.of(solved)
+    assert "something that the model does not have" in " ".join(caveats(document))
 
 
 def test_a_model_is_shown_extended_held_and_reduced(scaled: Measured, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from app.exit_codes import exit_code
 from app.machines.hexaslide import reads
 from app.planning.hexaslide import Request, write_simulated
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
-from app.report.text.hexaslide_calibration import calibration_text
+from app.report.text.hexaslide_calibration import calibration_text, caveats
 from calib.errors import GlidecalError, NotIdentifiable, RecordError, UsageError
 from calib.hexaslide.geometry import forward
 from protocols.hexaslide import load_hexaslide, read_measurements, read_truth
@@ -322,18 +322,22 @@ def test_too_few_and_impossible_postures_are_exit_5(tmp_path: Path) -> None:
     assert "metres and radians" in message
 
 
-def test_postures_all_alike_are_refused_or_told(tmp_path: Path) -> None:
-    """Twenty times the same posture shows six combinations, and says what is not seen."""
+def test_postures_all_alike_are_refused(tmp_path: Path) -> None:
+    """Twenty times the same posture shows six combinations of 49."""
     path, _ = written(tmp_path, "pose-forward", 20)
     content = json.loads(path.read_text(encoding="utf-8"))
     content["postures"] = content["postures"][:1] * 20
     path.write_text(json.dumps(content), encoding="utf-8")
-    report = document(path)
-    assert (report["rank"], report["lost_count"]) == (6, 43)
-    assert report["individually_known"] == []
-    text = calibration_text(calibrate_file(path, None, 0.2)).replace("\n", " ")
-    assert "No parameter is identifiable alone." in text
-    assert "more combinations" in text
+    message = refused(5, "solve", path)
+    assert "different postures for pose-forward: found 1. Allowed: 9 or more" in message
+
+
+def test_combinations_that_are_no_motion_of_a_frame_are_told(tmp_path: Path) -> None:
+    solved = calibrate_file(written(tmp_path, "position", 24)[0], None, 0.0)
+    frames = HexaSlideCalibrationReport.of(solved)
+    more = frames.model_copy(update={"lost_count": 5})
+    assert "NOT IDENTIFIABLE: 2 more combinations" in "\n".join(caveats(more))
+    assert "more combinations" not in "\n".join(caveats(frames))
 
 
 def test_postures_of_a_file_are_measured(tmp_path: Path) -> None:

@@ -29,7 +29,9 @@ def test_the_template_is_filled_in_and_imported(pose: Path, tmp_path: Path) -> N
     empty, filled, out = (tmp_path / name for name in ("empty.csv", "t.csv", "s.jsonl"))
     import_run = glidecal(*IMPORT, "pose-forward", "--template", empty)
     assert import_run.status == 0, import_run.err
-    blank = list(csv.reader(empty.read_text("utf-8").splitlines()))
+    way, *lines = empty.read_text("utf-8").splitlines()
+    assert way == "# Come to the first posture with all sliders going up: play goes by it."
+    blank = list(csv.reader(lines))
     rows = table(filled, pose)
     assert blank[:2] == rows[:2]
     assert [row[1:7] for row in blank[2:]] == [
@@ -194,3 +196,39 @@ def test_one_value_that_is_off_by_little_is_told_and_kept(pose: Path, tmp_path: 
     assert len(session.readings) == 16
     assert len(odd) == 1
     assert odd[0].startswith("line 5, ")
+
+
+def test_one_posture_read_often_teaches_nothing(pose: Path, tmp_path: Path) -> None:
+    """24 times the same, with noise: neither a calibration nor agreement."""
+    rows, chance = table(tmp_path / "t.csv", pose), np.random.default_rng(3)
+    turns = np.degrees(1e-5 * chance.normal(size=(24, 3)))
+    places = 0.01 * chance.normal(size=(24, 3))
+    again = [
+        [
+            *rows[2][:7],
+            *(repr(float(cell) + off) for cell, off in zip(rows[2][7:], noise, strict=True)),
+        ]
+        for noise in np.hstack([places, turns]).tolist()
+    ]
+    write(tmp_path / "t.csv", [*rows[:2], *again])
+    session, _ = import_postures(tmp_path / "t.csv", plan(tmp_path / "s.jsonl", "pose-forward"))
+    assert len(session.readings) == 24
+    assert "found 1. Allowed: 9 or more" in refused(5, "solve", tmp_path / "s.jsonl")
+    diagnosis = glidecal("diagnose", tmp_path / "s.jsonl").out
+    assert "s.jsonl: cannot-tell" in diagnosis
+    assert "0 beyond the parameters. Measure more different postures" in " ".join(diagnosis.split())
+
+
+def test_the_noise_of_a_table_is_stated_beside_it(pose: Path, tmp_path: Path) -> None:
+    filled, out = tmp_path / "t.csv", tmp_path / "s.jsonl"
+    table(filled, pose)
+    importing = (*IMPORT, "pose-forward", filled, "-o", out)
+    assert "found 0 mm and 0.001°. Allowed: both 0" in refused(2, *importing, "--noise-mm", "0")
+    template = (*IMPORT, "pose-forward", "--template", tmp_path / "e.csv", "--noise-deg", "0.01")
+    assert "with a table to be read" in refused(2, *template)
+    assert not out.exists()
+    assert glidecal(*importing, "--noise-mm", "0.02").status == 0
+    procedure = read_postures(out)[0].opened.procedure
+    assert (procedure.noise_mm, procedure.noise_deg) == (0.02, 0.001)
+    noise = json.loads(glidecal("solve", out, "--json").out)["noise"]
+    assert noise["length_mm"] == pytest.approx(0.02)

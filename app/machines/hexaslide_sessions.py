@@ -266,7 +266,7 @@ def validated(path: Path) -> str:
 
 def replayed(path: Path, say: Say) -> Answer:
     """Every reading of a session."""
-    from app.report.schema.hexaslide_replay import HexaSlideReplayReport, ReplayedPostures
+    from app.report.schema.hexaslide_replay import HexaSlideReplayReport
     from app.report.text.hexaslide_session import replay_text
     from protocols.hexaslide_session import read_postures
 
@@ -275,7 +275,7 @@ def replayed(path: Path, say: Say) -> Answer:
         say(f"glidecal: {record.unfinished}")
     return Answer(
         lambda: replay_text(session),
-        lambda: HexaSlideReplayReport.of(ReplayedPostures(session, record.end)),
+        lambda: HexaSlideReplayReport.of(session, record),
     )
 
 
@@ -321,7 +321,7 @@ def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Ans
 def diagnosed(path: Path, request: Diagnosing, say: Say) -> Answer:
     """What is missing in the model of the machine, and the model with it."""
     from app.evaluating.hexaslide_adoption import adopted, diagnose_postures, write_model
-    from app.report.schema.hexaslide_diagnosis import HexaSlideDiagnosisReport, PostureDiagnosis
+    from app.report.schema.hexaslide_diagnosis import HexaSlideDiagnosisReport
     from app.report.text.hexaslide_diagnosis import diagnosis_text
 
     with working("Diagnosing"):
@@ -332,7 +332,7 @@ def diagnosed(path: Path, request: Diagnosing, say: Say) -> Answer:
         say(f"model written: {request.adopt}")
     return Answer(
         lambda: diagnosis_text(diagnosis, adoption),
-        lambda: HexaSlideDiagnosisReport.of(PostureDiagnosis(diagnosis, adoption)),
+        lambda: HexaSlideDiagnosisReport.of(diagnosis, adoption),
     )
 
 

@@ -63,7 +63,7 @@ class IdentifiabilityOptions:
 def identifiability(question: Question, options: IdentifiabilityOptions) -> Answer:
     """What the procedure sees."""
     from app.planning.tripod import tripod_planning
-    from app.report.schema.planning import IdentifiabilityReport, IdentifiabilityResults
+    from app.report.schema.planning import IdentifiabilityReport
     from app.report.text.planning import expected_text, identifiability_text
     from calib.design.identifiability import seen_by
     from calib.posterior.expected import expected_of
@@ -74,7 +74,7 @@ def identifiability(question: Question, options: IdentifiabilityOptions) -> Answ
     expected = expected_of(planned, machine.tolerances_mm())
     return Answer(
         lambda: f"{identifiability_text(identifiable)}\n\n{expected_text(expected)}",
-        lambda: IdentifiabilityReport.of(IdentifiabilityResults(identifiable, expected)),
+        lambda: IdentifiabilityReport.of(identifiable, expected),
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 from app.report.schema.document import Holes, Matrix, Numbers, Report, Source, holes, maybe, schema
@@ -15,23 +14,15 @@ from calib.tripod.workspace import LargestCube, PlaneMap, PostureOfTool, Working
 from protocols.machine import Machine
 
 
-@dataclass(frozen=True, eq=False)
-class IdentifiabilityResults:
-    """What a procedure sees, and what is to be expected of it."""
-
-    seen: SeenBy
-    expected: ExpectedResult
-
-
 class IdentifiabilityReport(SeenReport):
     """``identifiability --json``: what a procedure sees of a machine of three drives."""
 
-    of = Source[IdentifiabilityResults]()
+    of = Source[SeenBy, ExpectedResult]()
     expected: tuple[ExpectedParameter, ...] | None = of(
-        lambda r: r.expected.parameters, "of tripods", asked=True
+        lambda _, r: r.parameters, "of tripods", asked=True
     )
     expected_tool_bound_mm: float | None = of(
-        lambda r: r.expected.bound_mm,
+        lambda _, r: r.bound_mm,
         "joint offsets entered, workpiece touched off, if readings show nothing else",
         asked=True,
     )

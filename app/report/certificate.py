@@ -34,6 +34,12 @@ DIGEST_LETTERS = 12
 """Of the record's digest where a report has no number: enough to keep its pages together."""
 
 
+NOT_JUDGED = (
+    "NOT JUDGED: no tolerance was given (--tolerance), nor does the machine file state one ({})."
+)
+"""With the key of the machine file."""
+
+
 @dataclass(frozen=True)
 class Logo:
     """A picture as it stands in a file."""
@@ -189,10 +195,7 @@ class CertifiedCalibration(CertifiedResults):
     def judged_words(self) -> str:
         """The decision before the values were entered, or that there is none."""
         if self.judged is None:
-            return (
-                "NOT JUDGED: no tolerance was given (--tolerance), nor does the machine file state "
-                "one (tool_tolerance_mm)."
-            )
+            return NOT_JUDGED.format("tool_tolerance_mm")
         return judged_sentence(self.judged, verified=False)
 
     @property

@@ -117,7 +117,7 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
     """The report of results that are there."""
     solved, verified = calibration.solved, calibration.verified
     diagnosis = calibration.diagnosed.diagnosis
-    legs = leg_figures(solved)
+    legs, limits = leg_figures(solved), limits_of(calibration)
     sections = [
         Section(
             "What was measured",
@@ -131,7 +131,7 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
         _view(solved),
         _budget(solved),
         *([_again(verified)] if verified else []),
-        *_limits(limits_of(calibration)),
+        *([Section("What limits this result", limits)] if limits else []),
         _missing(calibration.diagnosed),
         _fit(solved),
         _legs(legs),
@@ -152,10 +152,6 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
         identification=calibration.identification,
         head=calibration.head,
     )
-
-
-def _limits(sentences: Sequence[str]) -> list[Section]:
-    return [Section("What limits this result", sentences)] if sentences else []
 
 
 def _machine(machine: Machine, tolerance_mm: float | None) -> Table:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
 from app.measuring.aligning import Aligned
 from app.report.schema.document import Report, Source, schema
-from calib.arrays import LEG_NAMES
-from calib.tripod.alignment import Alignment, Shim
+from calib.arrays import LEG_NAMES, FloatArray
+from calib.tripod.alignment import Shim
 from calib.tripod.effects.effect import AROUND, PAIRS
 
 
@@ -33,16 +34,10 @@ class MoveEntry(Report):
     needed: bool = of(lambda r: r.needed)
 
 
-def _leans(alignment: Alignment) -> tuple[FigureEntry, ...]:
-    return tuple(
-        map(FigureEntry, PAIRS, alignment.lean_mrad.tolist(), alignment.expanded[:3].tolist())
-    )
-
-
-def _distances(alignment: Alignment) -> tuple[FigureEntry, ...]:
-    return tuple(
-        map(FigureEntry, AROUND, alignment.distance_mm.tolist(), alignment.expanded[3:].tolist())
-    )
+def _figures(
+    pairs: Iterable[str], values: FloatArray, expanded: FloatArray
+) -> tuple[FigureEntry, ...]:
+    return tuple(map(FigureEntry, pairs, values.tolist(), expanded.tolist()))
 
 
 class AlignmentReport(Report):
@@ -53,10 +48,12 @@ class AlignmentReport(Report):
     session: str = of(lambda session, _: session)
     reference: str = of(lambda _, r: r.reference, "the rail that stays")
     squareness_mrad: tuple[FigureEntry, ...] = of(
-        lambda _, r: _leans(r.found), "positive: less than a right angle"
+        lambda _, r: _figures(PAIRS, r.found.lean_mrad, r.found.expanded[:3]),
+        "positive: less than a right angle",
     )
     distance_mm: tuple[FigureEntry, ...] = of(
-        lambda _, r: _distances(r.found), "the first lies so much further along the third axis"
+        lambda _, r: _figures(AROUND, r.found.distance_mm, r.found.expanded[3:]),
+        "the first lies so much further along the third axis",
     )
     moves: tuple[MoveEntry, ...] = of(
         lambda _, r: tuple(map(MoveEntry.of, r.shims)),

@@ -159,11 +159,6 @@ def _noise(solved: CalibratedMachine) -> MeasuringNoiseEntry:
     )
 
 
-def _lack_of_fit(solved: CalibratedMachine) -> LackOfFitEntry:
-    """Variance that is left by the stated one."""
-    return LackOfFitEntry(statistic=solved.found.lack_of_fit, p_value=solved.found.p_value)
-
-
 @dataclass(frozen=True)
 class HexaSlideParameter:
     """The value to enter. Uncertainties of those only that are known one by one, with what else may
@@ -344,7 +339,7 @@ class HexaSlideCalibrationReport(Report):
     rms_before: Rms = of(lambda r: _rms(r.found.before))
     rms_after: Rms = of(lambda r: _rms(r.found.after))
     noise: MeasuringNoiseEntry = of(_noise)
-    lack_of_fit: LackOfFitEntry = of(_lack_of_fit)
+    lack_of_fit: LackOfFitEntry = of(lambda r: LackOfFitEntry(r.found.lack_of_fit, r.found.p_value))
     condition_number: float = of(lambda r: r.found.condition_number)
     units: str = UNITS
     parameters: dict[str, HexaSlideParameter] = of(_parameters)

@@ -243,10 +243,12 @@ def noise_words(solved: SessionSolution) -> str:
     correlation = f"strongest correlation {value_words}, {first} and {second}."
     if float(value_words) == 0.0:
         correlation = "no correlation to state."
+    step_mm = solved.display_found_mm
+    display = f"; display step {step_mm:g} mm, found in the values" if step_mm else ""
     return (
         f"Noise of a single {taken_word(solved)} "
         f"{uncertain(noise.standard_deviation_mm, 4)} mm{mean}, "
-        f"{_source_words(solved)}{_display_words(solved.display_found_mm)}.\n"
+        f"{_source_words(solved)}{display}.\n"
         f"Coverage factor {solution.coverage_factor:.3f}; condition number "
         f"{_condition_words(solution.condition_number)}; {correlation}"
     )
@@ -257,11 +259,6 @@ def _condition_words(condition_number: float) -> str:
     if condition_number > BLIND_CONDITION:
         return f"beyond {BLIND_CONDITION:.0e}"
     return f"{condition_number:.1f}"
-
-
-def _display_words(step_mm: float | None) -> str:
-    """The step of the display where the values show it and nobody stated it; else nothing."""
-    return f"; display step {step_mm:g} mm, found in the values" if step_mm else ""
 
 
 def _source_words(solved: SessionSolution) -> str:

@@ -99,11 +99,11 @@ def doctor(
 def ports(as_json: AsJson = False) -> None:
     """Serial ports of this computer, indicator profiles."""
     from app.report.schema.document import to_json
-    from app.report.schema.readings import PortsReport, SerialPorts
+    from app.report.schema.readings import PortsReport
     from drivers.port import ports_here
     from drivers.profiles import PROFILES
 
-    report = PortsReport.of(SerialPorts(ports_here(), [*PROFILES.values()]))
+    report = PortsReport.of(ports_here(), [*PROFILES.values()])
     if as_json:
         typer.echo(to_json(report))
         return

@@ -420,7 +420,7 @@ def align(
     from app.measuring.demo import WATCHED
     from app.measuring.indicators import DEFAULT_PROFILE, check_indicators, choose_indicators
     from app.measuring.plan import Plan, aligning, plan_to_continue, session_name
-    from app.report.schema.alignment import AlignmentReport, AlignmentResults
+    from app.report.schema.alignment import AlignmentReport
     from app.report.text.alignment import aligned_text, lines_of_drives
     from calib.tripod.alignment import check_common_zero
     from protocols.files import write_files
@@ -443,7 +443,7 @@ def align(
             text = machine_text(aligned.as_it_lies, lines_of_drives(session.name))
             write_files(machine_file_out, {"": text}, replace=may)
             say(f"written: {machine_file_out}")
-        report = partial(AlignmentReport.of, AlignmentResults(session.name, aligned))
+        report = partial(AlignmentReport.of, session.name, aligned)
         typer.echo(Answer(lambda: aligned_text(aligned), report).shown(as_json=as_json))
         return
     for name, is_given in (

@@ -389,7 +389,7 @@ def replay(
 
         first = first_replay(session, LOOKS, served=served)
         raise typer.Exit(open_screen(first, LOOKS, read_only=served))
-    from app.report.schema.readings import ReplayedSession, ReplayReport
+    from app.report.schema.readings import ReplayReport
     from app.report.text.session import replay_text
     from protocols.record import read_record
 
@@ -398,7 +398,7 @@ def replay(
     record = read_record(session[0])
     if record.unfinished:
         say(f"glidecal: {record.unfinished}")
-    report = ReplayReport.of(ReplayedSession(record.session, record.end))
+    report = ReplayReport.of(record)
     typer.echo(Answer(lambda: replay_text(report), lambda: report).shown(as_json=as_json))
 
 

@@ -104,7 +104,7 @@ def identifiability(question: Question, options: IdentifiabilityOptions) -> Answ
         planning_view = look_at(planned)
     return Answer(
         lambda: seen_text(planning_view),
-        lambda: HexaSlideIdentifiabilityReport.of(planning_view),
+        lambda: HexaSlideIdentifiabilityReport.of(planning_view.seen, planning_view),
     )
 
 

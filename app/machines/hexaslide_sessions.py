@@ -28,8 +28,7 @@ from calib.printable import counted
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.hexaslide import PosturePlan, PostureTaking
-    from app.report.certificate import CertificateHead
-    from app.report.pages.report import ReportSource
+    from app.report.certificate import CertificateHead, CertifiedResults
     from drivers.line import IndicatorLine
     from protocols.files import Written
 
@@ -285,7 +284,7 @@ def validated(path: Path) -> str:
 
 def replayed(path: Path, say: Say) -> Answer:
     """Every reading of a session."""
-    from app.report.schema.hexaslide_replay import HexaSlideReplayReport, ReplayedPostures
+    from app.report.schema.hexaslide_replay import HexaSlideReplayReport
     from app.report.text.hexaslide_session import replay_text
     from protocols.hexaslide_session import read_postures
 
@@ -294,7 +293,7 @@ def replayed(path: Path, say: Say) -> Answer:
         say(f"glidecal: {record.unfinished}")
     return Answer(
         lambda: replay_text(session),
-        lambda: HexaSlideReplayReport.of(ReplayedPostures(session, record.end)),
+        lambda: HexaSlideReplayReport.of(session, record),
     )
 
 
@@ -340,7 +339,7 @@ def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Ans
 def diagnosed(path: Path, request: Diagnosing, say: Say) -> Answer:
     """What is missing in the model of the machine, and the model with it."""
     from app.evaluating.hexaslide_adoption import adopted, diagnose_postures, write_model
-    from app.report.schema.hexaslide_diagnosis import HexaSlideDiagnosisReport, PostureDiagnosis
+    from app.report.schema.hexaslide_diagnosis import HexaSlideDiagnosisReport
     from app.report.text.hexaslide_diagnosis import diagnosis_text
 
     with working("Diagnosing"):
@@ -351,7 +350,7 @@ def diagnosed(path: Path, request: Diagnosing, say: Say) -> Answer:
         say(f"model written: {request.adopt}")
     return Answer(
         lambda: diagnosis_text(diagnosis, adoption),
-        lambda: HexaSlideDiagnosisReport.of(PostureDiagnosis(diagnosis, adoption)),
+        lambda: HexaSlideDiagnosisReport.of(diagnosis, adoption),
     )
 
 
@@ -380,11 +379,11 @@ def compared(before: Path, after: Path) -> Answer:
 
 def reported(
     path: Path, after: Path | None, tolerance_mm: float | None, head: CertificateHead | None
-) -> ReportSource:
+) -> CertifiedResults:
     """The report to sign."""
-    from app.report.pages.hexaslide import source_of_postures
+    from app.report.hexaslide_certificate import certified_postures
 
-    return source_of_postures(path, after, tolerance_mm, head)
+    return certified_postures(path, after, tolerance_mm, head)
 
 
 SESSIONS = SessionVerbs(

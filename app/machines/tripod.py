@@ -63,7 +63,7 @@ class IdentifiabilityOptions:
 def identifiability(question: Question, options: IdentifiabilityOptions) -> Answer:
     """What the procedure sees."""
     from app.planning.tripod import tripod_planning
-    from app.report.schema.planning import IdentifiabilityReport, IdentifiabilityResults
+    from app.report.schema.planning import IdentifiabilityReport
     from app.report.text.planning import expected_text, identifiability_text
     from calib.design.identifiability import seen_by
     from calib.posterior.expected import expected_of
@@ -74,7 +74,7 @@ def identifiability(question: Question, options: IdentifiabilityOptions) -> Answ
     expected = expected_of(planned, machine.tolerances_mm())
     return Answer(
         lambda: f"{identifiability_text(identifiable)}\n\n{expected_text(expected)}",
-        lambda: IdentifiabilityReport.of(IdentifiabilityResults(identifiable, expected)),
+        lambda: IdentifiabilityReport.of(identifiable, expected),
     )
 
 
@@ -343,9 +343,7 @@ def workspace(name: str, limit: float, at_mm: Place | None) -> Answer:
     """What joint limits allow, the factors there, a cut at a limit of them; or one posture."""
     from app.report.schema.planning import (
         PostureReport,
-        PostureResults,
         WorkspaceReport,
-        WorkspaceResults,
     )
     from app.report.text.planning import posture_text, workspace_text
     from calib.tripod.workspace import posture_of_tool, workspace_of
@@ -357,13 +355,13 @@ def workspace(name: str, limit: float, at_mm: Place | None) -> Answer:
         posture = posture_of_tool(geometry, at_mm)
         return Answer(
             lambda: posture_text(machine, posture),
-            lambda: PostureReport.of(PostureResults(machine, posture)),
+            lambda: PostureReport.of(machine, posture),
         )
     with working("Looking at the workspace"):
         reachable = workspace_of(geometry, limit)
     return Answer(
         lambda: workspace_text(machine, reachable),
-        lambda: WorkspaceReport.of(WorkspaceResults(machine, reachable)),
+        lambda: WorkspaceReport.of(machine, reachable),
     )
 
 

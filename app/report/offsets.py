@@ -149,18 +149,15 @@ def for_controller(
                 map(one_line, (*correction_lines(solved, correction), *offsets.cautions))
             ),
         )
-    numbers = frozenset(
-        number
-        for number, effect in enumerate(offsets.model.effects)
-        if any(effect is absent for absent in left_out)
-    )
-    names = list(dict.fromkeys(offsets.model.effects[number].id for number in sorted(numbers)))
-    effects = [acting for n, acting in enumerate(offsets.model.effects) if n not in numbers]
+    effects = offsets.model.effects
+    missing_ids = [id(effect) for effect in left_out]  # two effects may be equal
+    names = list(dict.fromkeys(effect.id for effect in effects if id(effect) in missing_ids))
+    kept = offsets.model.with_effects(tuple(e for e in effects if id(e) not in missing_ids))
     if solved is None:
-        return _offsets_of_model(offsets, offsets.model.with_effects(tuple(effects)), holds, names)
-    if not numbers:
+        return _offsets_of_model(offsets, kept, holds, names)
+    if not names:
         return offsets
-    off = solved.corrections.off(offsets.model.with_effects(tuple(effects)))
+    off = solved.corrections.off(kept)
     leaves = "the bound of the tool includes what that leaves"
     missing = f"not in these files: {', '.join(names)}; {leaves}"
     return with_bound(offsets, bound_of_files(solved, off), missing)
@@ -297,9 +294,7 @@ def _offsets_from_model(path: Path) -> Offsets:
     _all_stated(f"model {path}, parameters_mm", model_file.parameters_mm)
     stated = [name for name in PARAMETER_NAMES if name in model_file.parameters_mm]
     unsure = ambiguous_effects(model_file)
-    provenances = [
-        provenance.provenance for provenance in model_file.effects if provenance.provenance
-    ]
+    provenances = [effect.provenance for effect in model_file.effects if effect.provenance]
     cautions = [NOT_KNOWN, ambiguity(unsure), *(model_file.cautions or ())]
     recorded = max((p.measured for p in provenances if p.measured), default=None)
     return Offsets(
@@ -310,11 +305,9 @@ def _offsets_from_model(path: Path) -> Offsets:
         controller=_stated(model_file.machine),
         recorded=recorded,
         measured="" if recorded is None else format(recorded, MINUTE),
-        digests=tuple(
-            dict.fromkeys(digest for provenance in provenances for digest in provenance.digests)
-        ),
-        cautions=tuple(dict.fromkeys(provenance for provenance in cautions if provenance)),
-        bound=next((provenance for provenance in cautions if provenance.startswith(BOUND)), ""),
+        digests=tuple(dict.fromkeys(digest for p in provenances for digest in p.digests)),
+        cautions=tuple(dict.fromkeys(filter(None, cautions))),
+        bound=next((caution for caution in cautions if caution.startswith(BOUND)), ""),
     )
 
 

@@ -18,6 +18,7 @@ from app.report.charts.charts import (
 from calib.arrays import FloatArray
 from calib.hexaslide.drawing import lines_at, outline
 from calib.hexaslide.geometry import Box, HexaSlide
+from calib.hexaslide.procedures import COMPONENTS
 from calib.hexaslide.search import BestPostures
 from calib.hexaslide.what_if import CauseAtSize
 
@@ -26,8 +27,6 @@ FRONT, ABOVE = (0, 2), (0, 1)
 
 PROJECTIONS = ((0, 1), (0, 2), (3, 4), (3, 5))
 """Two of places, two of angles."""
-
-COORDINATES = ("x", "y", "z", "theta", "psi", "phi")
 
 
 def drawn_machine(machine: HexaSlide, posture: FloatArray) -> tuple[Drawing, Drawing]:
@@ -83,7 +82,7 @@ def _projected(
         for name, postures in sets
     )
     return Drawing(
-        title=f"{COORDINATES[upwards]} over {COORDINATES[across]}",
+        title=f"{COMPONENTS[upwards]} over {COMPONENTS[across]}",
         x_words="",
         y_words=unit,
         series=series,

@@ -63,18 +63,10 @@ def leg_figures(solved: SessionSolution) -> tuple[LegFigure, ...]:
     readings, figures_left = _on_one_scale(readings), _on_one_scale(figures_left, noise_um)
     figures = []
     for curve, above, below in zip(curves, readings, figures_left, strict=True):
-        title = leg_words(curve, several=several)
+        title, short_title = leg_words(curve, several=several)
         enlarged = UM_PER_MM * _height(above) / _height(below)
-        words = f"{left_by(solved)}, {scale_words(enlarged)}"
-        figures.append(
-            LegFigure(
-                title,
-                short_words(curve, several=several),
-                replace(above, title=title),
-                replace(below, title=words),
-                enlarged,
-            )
-        )
+        left = replace(below, title=f"{left_by(solved)}, {scale_words(enlarged)}")
+        figures.append(LegFigure(title, short_title, replace(above, title=title), left, enlarged))
     return tuple(figures)
 
 
@@ -91,24 +83,23 @@ def left_by(solved: SessionSolution) -> str:
     return "left by the model with its effects" if adopted else "left by offsets and lengths"
 
 
-def leg_words(curve: LegCurve, *, several: bool) -> str:
-    """Which bar was read, in which direction; where on it, if ``several`` stations were."""
+def leg_words(curve: LegCurve, *, several: bool) -> tuple[str, str]:
+    """Which bar was read, in which direction; where on it, if ``several`` stations were.
+
+    Then the same where there is little room.
+    """
     axis = LEG_NAMES[curve.axis].upper()
     if curve.leg == TOOL:
-        return f"Tool against the plate, along {axis}"
+        return f"Tool against the plate, along {axis}", f"Tool along {axis}"
     leg = f"Leg {LEG_NAMES[curve.leg].upper()}"
+    station, short_station = "", ""
+    if several:
+        station = f", at {curve.station:g} of the bar"
+        short_station = f", station {curve.station:g}"
+    words = f"{leg}, measured along {axis}{station}"
     if curve.over_plane:
-        return f"{leg} over the plane, along {axis}"
-    station = f", at {curve.station:g} of the bar" if several else ""
-    return f"{leg}, measured along {axis}{station}"
-
-
-def short_words(curve: LegCurve, *, several: bool) -> str:
-    """`leg_words` where there is little room: which leg, along which axis, where on the bar."""
-    axis = LEG_NAMES[curve.axis].upper()
-    leg = "Tool" if curve.leg == TOOL else f"Leg {LEG_NAMES[curve.leg].upper()}"
-    station = f", station {curve.station:g}" if several and curve.leg != TOOL else ""
-    return f"{leg} along {axis}{station}"
+        words = f"{leg} over the plane, along {axis}"
+    return words, f"{leg} along {axis}{short_station}"
 
 
 def _readings(curve: LegCurve) -> Chart:
@@ -121,12 +112,10 @@ def _left(curve: LegCurve) -> Chart:
     left_um = (UM_PER_MM * curve.left_mm).tolist()
     at_mm, mounts = curve.at_mm.tolist(), curve.mount.tolist()
     ways: dict[int, list[Point]] = {}
-    for mount, *point in zip(mounts, at_mm, left_um, strict=True):
-        ways.setdefault(mount, []).append((point[0], point[1]))
+    for mount, at, left in zip(mounts, at_mm, left_um, strict=True):
+        ways.setdefault(mount, []).append((at, left))
     lines = tuple(Stroke(StrokeStyle.DOTTED, tuple(points)) for points in ways.values())
-    series = tuple(
-        replace(series_part, name="") for series_part in _series(curve, left_um)
-    )  # named above
+    series = tuple(replace(part, name="") for part in _series(curve, left_um))  # named above
     words = "displacement, mm"
     if curve.leg == TOOL:
         words = "number of the position"
@@ -143,11 +132,7 @@ def _series(curve: LegCurve, values: Sequence[float]) -> tuple[Series, ...]:
     for row, (at, value, approach) in enumerate(rows):
         mark = FIRST if row in first else UP if approach > 0 else DOWN if approach < 0 else OTHER
         points[mark].append((at, value))
-    return tuple(
-        series_of(NAMES[mark], points_of_mark, mark)
-        for mark, points_of_mark in points.items()
-        if points_of_mark
-    )
+    return tuple(series_of(NAMES[mark], at, mark) for mark, at in points.items() if at)
 
 
 def _on_one_scale(charts: Sequence[Chart], least: float = 0.0) -> list[Chart]:

@@ -6,23 +6,19 @@ from dataclasses import replace
 
 from app.evaluating.history import History
 from app.evaluating.posture_history import PostureHistory
-from app.report.charts.charts import Chart, Series
+from app.report.charts.charts import Chart, series_of
 from app.report.charts.legs import LegFigure
 from app.report.charts.results import control_charts
 
 
 def platform_chart(machine: PostureHistory) -> Chart:
     """What the platform was off by in each session, and at most with the machine of it, mm."""
-    numbers = range(1, len(machine.points) + 1)
-    entries = [(float(k), point.entry) for k, point in zip(numbers, machine.points, strict=True)]
+    entries = [(float(k), point.entry) for k, point in enumerate(machine.points, start=1)]
     off = [(k, entry.now_mm) for k, entry in entries if entry.now_mm is not None]
     bound = [(k, entry.bound_mm) for k, entry in entries if entry.bound_mm is not None]
-    series = tuple(
-        Series(name, tuple(k for k, _ in points), tuple(mm for _, mm in points))
-        for name, points in (("as found", off), ("bound, calibrated", bound))
-        if points
-    )
-    names = tuple(f"{k}" for k in numbers)
+    both = (("as found", off), ("bound, calibrated", bound))
+    series = tuple(series_of(name, points) for name, points in both if points)
+    names = tuple(f"{k:.0f}" for k, _ in entries)
     return Chart("Error of the platform", "", "mm r.m.s.", series, names)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from app.evaluating.history import MachineHistory
@@ -21,6 +21,7 @@ from app.report.charts.charts import (
 from app.report.charts.legs import FIRST, OTHER, LegFigure, left_by
 from app.report.text.tables import difference_words
 from calib.arrays import LEG_NAMES, FloatArray
+from calib.control_chart import Watched
 from calib.diagnosis.results import SEEN, Cell
 from calib.identify.solution import Solution
 from protocols.procedure import Step
@@ -231,52 +232,42 @@ def control_charts(machine: MachineHistory) -> tuple[LegFigure, ...]:
         strokes=tuple(limit if tolerance_mm else []),
         x_room=LEAST_DAYS,
     )
-    return tuple(
-        LegFigure(
+    figures = []
+    for name, watched, start_mm in zip(LEG_NAMES, machine.joints, started_mm, strict=False):
+        title = f"{machine.machine}, joint {name}, change of the offset"
+        chart = Chart(
             title,
-            f"Joint {LEG_NAMES[k]}",
-            replace(
-                _control_chart(machine, k, start_mm), title=title, marks=marks, x_room=LEAST_DAYS
-            ),
-            tool,
+            "",
+            "µm",
+            _sessions(machine.days, watched),
+            marks=marks,
+            strokes=tuple(_limits(machine.days, watched, start_mm)),
+            x_room=LEAST_DAYS,
         )
-        for k, start_mm in enumerate(started_mm)
-        for title in [f"{machine.machine}, joint {LEG_NAMES[k]}, change of the offset"]
-    )
+        figures.append(LegFigure(title, f"Joint {name}", chart, tool))
+    return tuple(figures)
 
 
-def _control_chart(machine: MachineHistory, joint: int, start_mm: float) -> Chart:
-    joint_history = machine.joints[joint]
-    values = list(zip(machine.days, (1000.0 * joint_history.change).tolist(), strict=True))
-    chart = joint_history.chart
-    marks_shown = [
-        new or bool(rules) for new, rules in zip(chart.changed, chart.signals, strict=True)
-    ]
+def _sessions(days: Sequence[float], joint: Watched) -> tuple[Series, ...]:
+    """The change of an offset in each session, those that a limit or a rule marks apart."""
+    points: dict[str, list[Point]] = {FIRST: [], OTHER: []}
+    changes_um = (1000.0 * joint.change).tolist()
+    states = zip(joint.chart.changed, joint.chart.signals, strict=True)
+    for day, um, (new, rules) in zip(days, changes_um, states, strict=True):
+        points[OTHER if new or rules else FIRST].append((day, um))
+    names = {FIRST: "session", OTHER: "changed, or a rule"}
+    return tuple(series_of(names[mark], at, mark) for mark, at in points.items() if at)
+
+
+def _limits(days: Sequence[float], joint: Watched, start_mm: float) -> Iterator[Stroke]:
+    """The centre and the limits of each phase; a phase of one session has no limits."""
     phases: dict[tuple[float, float], list[float]] = {}
-    for day, centre, limit in zip(
-        machine.days, joint_history.chart.centre, joint_history.chart.limit, strict=True
-    ):
-        phases.setdefault((float(centre), float(limit)), []).append(day)
-    strokes = []
-    for (centre, limit), days in phases.items():
-        for style, aside in (
-            (StrokeStyle.THIN, 0.0),
-            (StrokeStyle.DOTTED, limit),
-            (StrokeStyle.DOTTED, -limit),
-        ):
+    rows = zip(days, joint.chart.centre.tolist(), joint.chart.limit.tolist(), strict=True)
+    for day, centre, limit in rows:
+        phases.setdefault((centre, limit), []).append(day)
+    for (centre, limit), days_of_phase in phases.items():
+        styles = (StrokeStyle.THIN, StrokeStyle.DOTTED, StrokeStyle.DOTTED)
+        for style, aside in zip(styles, (0.0, limit, -limit), strict=True):
             um = 1000.0 * (centre - start_mm + aside)
-            if not math.isnan(um):  # a phase of one session has no limits
-                strokes.append(Stroke(style, tuple((day, um) for day in days)))
-    parts = {
-        "session": [value for value, new in zip(values, marks_shown, strict=True) if not new],
-        "changed, or a rule": [
-            value for value, new in zip(values, marks_shown, strict=True) if new
-        ],
-    }
-    marked = zip(parts.items(), (FIRST, OTHER), strict=True)
-    series = tuple(
-        series_of(name, points_of_mark, mark)
-        for (name, points_of_mark), mark in marked
-        if points_of_mark
-    )
-    return Chart("", "", "µm", series, strokes=tuple(strokes))
+            if not math.isnan(um):
+                yield Stroke(style, tuple((day, um) for day in days_of_phase))

@@ -79,32 +79,18 @@ def _results(certified: CertifiedPostures) -> Iterator[Result]:
         "Lengths that no frame changes",
         "B: joints of the platform; A: starts of the rails, or joints of the base; l: links.",
         [
-            CertifiedValue(
-                name,
-                1000.0 * length.value_m,
-                UNITS["mm"],
-                _scaled(1000.0, length.standard_uncertainty_m, length.expanded_uncertainty_m),
-            )
-            for name, length in document.inner_lengths.items()
+            _scaled(name, "m", v.value_m, v.standard_uncertainty_m, v.expanded_uncertainty_m)
+            for name, v in document.inner_lengths.items()
         ],
     )
-    alone = {
-        name: parameter
-        for name, parameter in document.parameters.items()
-        if parameter.individually_known
-    }
-    if alone:
+    if document.individually_known:
+        alone = [(name, document.parameters[name]) for name in document.individually_known]
         yield Result(
             "Parameters that are known one by one",
             "As the documentation of the program names them.",
             [
-                CertifiedValue(
-                    name,
-                    (size := 1.0 if parameter.unit == "m/m" else 1000.0) * parameter.value,
-                    THOUSANDTHS.get(parameter.unit, UNITS["m/m"]),
-                    _scaled(size, parameter.standard_uncertainty, parameter.expanded_uncertainty),
-                )
-                for name, parameter in alone.items()
+                _scaled(name, p.unit, p.value, p.standard_uncertainty, p.expanded_uncertainty)
+                for name, p in alone
             ],
         )
     if later is not None:
@@ -116,10 +102,15 @@ def _results(certified: CertifiedPostures) -> Iterator[Result]:
         )
 
 
-def _scaled(size: float, standard: float | None, expanded: float | None) -> Uncertainty | None:
-    if standard is None or expanded is None:
-        return None
-    return Uncertainty(size * expanded, size * standard)
+def _scaled(
+    name: str, unit: str, value: float, standard: float | None, expanded: float | None
+) -> CertifiedValue:
+    """A value in thousandths of its unit; a component of a direction stays as it is."""
+    size = 1000.0 if unit in THOUSANDTHS else 1.0
+    uncertainty = None
+    if standard is not None and expanded is not None:
+        uncertainty = Uncertainty(size * expanded, size * standard)
+    return CertifiedValue(name, size * value, THOUSANDTHS.get(unit, UNITS["m/m"]), uncertainty)
 
 
 def _platform(platform: PlatformReport, now: str, bound: str) -> Iterator[CertifiedValue]:
@@ -135,23 +126,24 @@ def _platform(platform: PlatformReport, now: str, bound: str) -> Iterator[Certif
 def _entered(machine: HexaSlideMachine) -> Iterator[CertifiedValue]:
     """Keys of the machine file."""
 
-    def named(place: str, key: str, values: Sequence[float], unit: str) -> Iterator[CertifiedValue]:
+    def named(
+        place: str, key: str, values: Sequence[float], unit: str = UNITS["mm"]
+    ) -> Iterator[CertifiedValue]:
         axes = "xyz" if len(values) > 1 else ("",)
         for axis, value in zip(axes, values, strict=True):
             yield CertifiedValue(f"{place}: {key} {axis}".rstrip(), value, unit)
 
-    millimetres = UNITS["mm"]
     for number, chain in enumerate(machine.chain, start=1):
         place = f"chain {number}"
-        yield from named(place, "start_mm", chain.start_mm, millimetres)
-        yield from named(place, "joint_mm", chain.joint_mm, millimetres)
-        yield from named(place, "link_mm", (chain.link_mm,), millimetres)
+        yield from named(place, "start_mm", chain.start_mm)
+        yield from named(place, "joint_mm", chain.joint_mm)
+        yield from named(place, "link_mm", [chain.link_mm])
         if chain.rail:
             yield from named(place, "rail", chain.rail, UNITS["m/m"])
     if (link := machine.constraint_link) is not None:
-        yield from named("constraint link", "platform_end_mm", link.platform_end_mm, millimetres)
-        yield from named("constraint link", "base_end_mm", link.base_end_mm, millimetres)
-        yield from named("constraint link", "length_mm", (link.length_mm,), millimetres)
+        yield from named("constraint link", "platform_end_mm", link.platform_end_mm)
+        yield from named("constraint link", "base_end_mm", link.base_end_mm)
+        yield from named("constraint link", "length_mm", [link.length_mm])
 
 
 def _conformities(certified: CertifiedPostures) -> Iterator[tuple[str, str]]:

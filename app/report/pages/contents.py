@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,7 +34,14 @@ from app.report.pages.figures import (
     vectors_svg,
 )
 from app.report.pages.notebook import leg_rows
-from app.report.pages.two_pages import Picture, Section, first_page, limits_of, second_page
+from app.report.pages.two_pages import (
+    Picture,
+    Section,
+    celsius_words,
+    first_page,
+    limits_of,
+    second_page,
+)
 from app.report.text.correction import (
     FRAME_WORDS,
     UNSEEN,
@@ -110,7 +117,7 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
     """The report of results that are there."""
     solved, verified = calibration.solved, calibration.verified
     diagnosis = calibration.diagnosed.diagnosis
-    legs = leg_figures(solved)
+    legs, limits = leg_figures(solved), limits_of(calibration)
     sections = [
         Section(
             "What was measured",
@@ -124,7 +131,7 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
         _view(solved),
         _budget(solved),
         *([_again(verified)] if verified else []),
-        *_limits(limits_of(calibration)),
+        *([Section("What limits this result", limits)] if limits else []),
         _missing(calibration.diagnosed),
         _fit(solved),
         _legs(legs),
@@ -145,10 +152,6 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
         identification=calibration.identification,
         head=calibration.head,
     )
-
-
-def _limits(sentences: Sequence[str]) -> list[Section]:
-    return [Section("What limits this result", sentences)] if sentences else []
 
 
 def _machine(machine: Machine, tolerance_mm: float | None) -> Table:
@@ -175,29 +178,23 @@ def _sessions(sessions: Sequence[Session], counted: Mapping[str, int]) -> list[T
     table = new_table("session", *(record.name for record in sessions), left=1 + len(sessions))
     opened = [session.opened for session in sessions]
     contacts = all(session.of_contacts for session in sessions)
-    rows: dict[str, list[str]] = {
-        "origin": [record.origin for record in opened],
-        "began": [measured_words(record, "%Y-%m-%d %H:%M %Z") for record in opened],
-        "operator": [record.operator for record in opened],
-        "temperature": [
-            "" if record.temperature_c is None else f"{record.temperature_c:g} °C"
-            for record in opened
-        ],
-        "procedure": [record.procedure.name if record.procedure else "" for record in opened],
-        "probe" if contacts else "indicators": [
+    rows: dict[str, Iterable[str]] = {
+        "origin": (record.origin for record in opened),
+        "began": (measured_words(record, "%Y-%m-%d %H:%M %Z") for record in opened),
+        "operator": (record.operator for record in opened),
+        "temperature": (celsius_words(record.temperature_c) for record in opened),
+        "procedure": (record.procedure.name if record.procedure else "" for record in opened),
+        "probe" if contacts else "indicators": (
             "\n".join(map(indicator_words, record.instruments)) for record in opened
-        ],
-        "measured with": [record.program for record in opened],
-        "contacts that count" if contacts else "readings that count": [
-            f"{counted[record.digest]} of {len(record.all_readings)}" for record in sessions
-        ],
-        **(
-            {"distances between marks": [f"{len(record.distances)}" for record in sessions]}
-            if any(record.distances for record in sessions)
-            else {}
         ),
-        "SHA-256 of the last line": [record.digest for record in sessions],
+        "measured with": (record.program for record in opened),
+        "contacts that count" if contacts else "readings that count": (
+            f"{counted[record.digest]} of {len(record.all_readings)}" for record in sessions
+        ),
     }
+    if any(record.distances for record in sessions):
+        rows["distances between marks"] = (f"{len(record.distances)}" for record in sessions)
+    rows["SHA-256 of the last line"] = (record.digest for record in sessions)
     for heading, values in rows.items():
         table.add_row(heading, *(value or "not stated" for value in values))
     notes = ["\n".join((*record.opened.remarks, *record.notes)) for record in sessions]
@@ -220,51 +217,44 @@ def _set_ups(session: Session) -> list[Picture]:
 def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Section:
     """What is to be entered and what the tool keeps then, with remedies of a model."""
     machine, correction = solved.sessions[0].opened.machine, solved.correction
+    head = [judged, DECISION_RULE]
+    bound = bound_table(correction.frame, correction.off_now, solved.entered.off)
     effects = read_model_file(model).effects if model else ()
-    table = new_table("joint", "entered when measured, mm", "add, mm", "± U (95 %)", "together, mm")
-    held_mm, added_mm = machine.entered_offsets_mm, solved.joint_offsets_mm
-    wide_mm = solved.corrections.half_widths_mm().tolist()
-    for name, now_mm, added, wide in zip(LEG_NAMES, held_mm, added_mm, wide_mm, strict=True):
-        row = (
-            shown_value(now_mm),
-            shown_value(added),
-            uncertain(wide, 4),
-            shown_value(now_mm + added),
-        )
-        table.add_row(name, *row)
+    remedies = [effect_words(effect, machine) for effect in effects]
+    if change := solved.printer_change:
+        values = [*doubt_lines(solved), *change_parts(solved, change)]
+        return Section("What to enter in the firmware", [*head, *values, bound, *remedies])
     sentence = (
         "True position of a joint = believed position + offset. These are the values that glidecal "
         "export writes for a controller with joint offsets, in addition to those entered when it "
         f"was measured. They leave the smallest tool error, {FRAME_WORDS[correction.frame]}."
     )
-    if change := solved.printer_change:
-        return Section(
-            "What to enter in the firmware",
-            [
-                judged,
-                DECISION_RULE,
-                *doubt_lines(solved),
-                *change_parts(solved, change),
-                bound_table(correction.frame, correction.off_now, change.off),
-                *(effect_words(effect, machine) for effect in effects),
-            ],
-        )
     return Section(
         "What to enter in the controller",
         [
-            judged,
-            DECISION_RULE,
+            *head,
             sentence,
             *warning_lines(solved, correction),
-            table,
-            bound_table(correction.frame, correction.off_now, correction.off),
+            _offsets(solved, machine),
+            bound,
             _vectors(solved),
             "" if solved.reads_tool else UNSEEN,
             gains_table(solved),
             *left_out_lines(correction.left_out),
-            *(effect_words(effect, machine) for effect in effects),
+            *remedies,
         ],
     )
+
+
+def _offsets(solved: SessionSolution, machine: Machine) -> Table:
+    """Joint offsets beside those that were entered when it was measured."""
+    table = new_table("joint", "entered when measured, mm", "add, mm", "± U (95 %)", "together, mm")
+    wide_mm = solved.corrections.half_widths_mm().tolist()
+    columns = (machine.entered_offsets_mm, solved.joint_offsets_mm, wide_mm)
+    for name, now_mm, added, wide in zip(LEG_NAMES, *columns, strict=True):
+        now, add, both = map(shown_value, (now_mm, added, now_mm + added))
+        table.add_row(name, now, add, uncertain(wide, 4), both)
+    return table
 
 
 def _vectors(solved: SessionSolution) -> Picture:
@@ -370,12 +360,8 @@ def _evidence(diagnosis: Diagnosis) -> Sequence[Table | Picture]:
     if not (candidates := shown_candidates(diagnosis)):
         return ()
     bars = [
-        (
-            printable(f"{candidate.id} ({candidate.where})"),
-            1000.0 * candidate.gap_rms_after_mm,
-            not candidate.reason_rejected,
-        )
-        for candidate in candidates
+        (printable(f"{c.id} ({c.where})"), 1000.0 * c.gap_rms_after_mm, not c.reason_rejected)
+        for c in candidates
     ]
     sentence = (
         "Evidence: what each candidate leaves of the gap. The shorter its bar, the more the "

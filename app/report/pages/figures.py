@@ -118,10 +118,7 @@ def legs_svg(figures: Sequence[LegFigure]) -> str:
             below = all_axes[columns + column]
             if column < len(figures):
                 draw_leg(figures[column], axes, below)
-                for part in (axes, below):
-                    _merge_points(
-                        part, [line for line in part.lines if line.get_marker() in POINTS]
-                    )
+                _merge_legs(axes, below)
             else:
                 axes.set_axis_off()
                 below.set_axis_off()
@@ -160,8 +157,8 @@ def leg_sheet_svg(figures: Sequence[LegFigure]) -> str:
             above.set_title(leg.short_title, loc="left", size=6.0, pad=2.0)
             below.set_title("", loc="left")
             lowest = number + columns >= len(figures)
+            _merge_legs(above, below)
             for axes in (above, below):
-                _merge_points(axes, [line for line in axes.lines if line.get_marker() in POINTS])
                 if not (lowest and axes is below):
                     axes.set_xticks([])  # most of the time of a small picture goes into its ticks
                 axes.tick_params(labelsize=6.0, labelleft=column == 0, pad=1.0)
@@ -190,6 +187,12 @@ def draw_leg(leg: LegFigure, above: Axes, below: Axes) -> None:
         axes.set_title(chart.title, loc="left", size=7.5)
         axes.set(xlabel=chart.x_words, ylabel=chart.y_words)
         axes.locator_params(axis="x", integer=True)  # no half numbers of positions
+
+
+def _merge_legs(*both: Axes) -> None:
+    """One path for the points of each series of a leg."""
+    for axes in both:
+        _merge_points(axes, [line for line in axes.lines if line.get_marker() in POINTS])
 
 
 def _merge_points(axes: Axes, lines: Sequence[Line2D]) -> None:
@@ -349,28 +352,36 @@ def maps_svg(maps: Sequence[PlaneMap]) -> str:
                 vmin=0.0,
                 vmax=DARKEST * most_um,
             )
-            for up_mm, row in zip(plane.up_mm.tolist(), grid, strict=True):
-                for across_mm, value in zip(plane.coordinate_mm.tolist(), row, strict=True):
-                    value_words = f"{value:.{decimals}f}" if math.isfinite(value) else "–"
-                    axes.text(across_mm, up_mm, value_words, ha="center", va="center", size=6)
+            words = [
+                [f"{um:.{decimals}f}" if math.isfinite(um) else "–" for um in row] for row in grid
+            ]
+            _write_cells(axes, plane.coordinate_mm.tolist(), plane.up_mm.tolist(), words)
             axes.grid(visible=False)
             axes.set(xlabel=f"{plane.across}, mm", ylabel=f"{plane.up}, mm", aspect="equal")
     return out.getvalue()
 
 
+def _write_cells(
+    axes: Axes, across: Sequence[float], up: Sequence[float], words: Sequence[Sequence[str]]
+) -> None:
+    """Small words in the middle of each cell, by rows."""
+    for y, row in zip(up, words, strict=True):
+        for x, cell in zip(across, row, strict=True):
+            axes.text(x, y, cell, ha="center", va="center", size=6)
+
+
 def correlations_svg(names: Sequence[str], correlation: FloatArray) -> str:
     """Correlation coefficients ``(k, k)`` of named parameters, as colour and digits."""
-    places = range(len(names))
+    coefficients, places = correlation.tolist(), [k + 0.5 for k in range(len(names))]
+    words = [[f"{value:+.2f}" for value in row] for row in coefficients]
+    for k, row in enumerate(words):
+        row[k] = "1"
     height_in = BOTTOM_IN + ROW_IN * len(names)
     with _figure(WIDTH_IN, height_in, left_in=1.2, top_in=0.06) as ((axes,), out):
-        coefficients = correlation.tolist()
         axes.pcolormesh(coefficients, cmap="RdBu_r", vmin=-DARKEST, vmax=DARKEST)
-        for row in places:
-            for column in places:
-                words = "1" if row == column else f"{coefficients[row][column]:+.2f}"
-                axes.text(column + 0.5, row + 0.5, words, ha="center", va="center", size=6)
-        axes.set_xticks([place + 0.5 for place in places], names, size=6)
-        axes.set_yticks([place + 0.5 for place in places], names)
+        _write_cells(axes, places, places, words)
+        axes.set_xticks(places, names, size=6)
+        axes.set_yticks(places, names)
         axes.invert_yaxis()
         axes.grid(visible=False)
     return out.getvalue()

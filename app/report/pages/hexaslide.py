@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.table import Table
 
 from app.evaluating.hexaslide import PostureResult
 from app.evaluating.hexaslide_calibration import CalibratedMachine, VerifiedMachine
 from app.evaluating.posture_history import Decision
-from app.report.certificate import CertificateHead
+from app.report.certificate import NOT_JUDGED
 from app.report.charts.hexaslide import drawn_machine, residual_charts
-from app.report.hexaslide_certificate import CertifiedPostures, certified_postures
+from app.report.hexaslide_certificate import CertifiedPostures
 from app.report.pages.contents import CalibrationReport
 from app.report.pages.figures import drawings_svg, svg_of
-from app.report.pages.report import ReportSource
 from app.report.pages.two_pages import (
     SIMULATED,
     Picture,
     Section,
+    add_facts,
+    celsius_words,
     ordered_rows,
     shortened,
     shortened_limits,
@@ -42,12 +41,10 @@ from app.report.text.hexaslide_diagnosis import missing_parts, verdict_line
 from app.report.text.hexaslide_session import readings_table, remark_lines
 from app.report.text.tables import new_table, signed
 from app.version import program
+from calib.hexaslide.procedures import COMPONENTS
 from protocols.dates import day_words
 from protocols.hexaslide import Chain, HexaSlideMachine, machine_like
 from protocols.hexaslide_session import PostureSession
-
-if TYPE_CHECKING:  # of a digital certificate alone
-    from app.report.dcc.document import CertificateContents
 
 RULE = (
     "Pass: the error of the platform and its 95 % bound together are within the tolerance, and no "
@@ -68,32 +65,6 @@ NOT_VERIFIED = (
 )
 LONGEST = 400
 """Letters of a sentence on the pages that are signed: seven motions of frames have room."""
-
-
-def source_of_postures(
-    path: Path,
-    after: Path | None = None,
-    tolerance_mm: float | None = None,
-    head: CertificateHead | None = None,
-) -> ReportSource:
-    """Of a session, with what a later one says of the machine that was entered.
-
-    Raises as `certified_postures`.
-    """
-    return source_from(certified_postures(path, after, tolerance_mm, head))
-
-
-def source_from(certified: CertifiedPostures) -> ReportSource:
-    """Of results that are there."""
-
-    def certificate() -> CertificateContents:
-        from app.report.dcc.hexaslide import contents_of
-
-        return contents_of(certified)
-
-    return ReportSource(
-        certified.digests, certified.terms, lambda: report_page(certified), certificate
-    )
 
 
 def report_page(certified: CertifiedPostures) -> CalibrationReport:
@@ -165,10 +136,7 @@ def _judged(
     decision: Decision | None, solved: CalibratedMachine, tolerance_mm: float | None, when: str
 ) -> str:
     if decision is None:
-        return (
-            "NOT JUDGED: no tolerance was given (--tolerance), nor does the machine file state one "
-            "(platform_tolerance_mm)."
-        )
+        return NOT_JUDGED.format("platform_tolerance_mm")
     return f"{decision.upper()}, {when}: {off_words(solved, tolerance_mm)}"
 
 
@@ -182,25 +150,22 @@ def _at_most(document: HexaSlideCalibrationReport) -> str:
 def _object(certified: CertifiedPostures) -> Table:
     """The machine, the customer, and the sessions that were measured."""
     opened = [session.opened for session, _ in certified.sessions]
-    celsius = [start.temperature_c for start in opened]
     counts = (f"{len(session.readings)}" for session, _ in certified.sessions)
     table = new_table("object", shortened(opened[0].machine.full_name), left=2)
     rows: list[tuple[str, Iterable[str | None]]] = [
         *ordered_rows(certified.head, certified.serial_numbers),
         ("measured", dict.fromkeys(day_words(s.opened, s.readings) for s, _ in certified.sessions)),
         ("operator", dict.fromkeys(start.operator for start in opened)),
-        ("temperature", dict.fromkeys("" if c is None else f"{c:g} °C" for c in celsius)),
+        ("temperature", dict.fromkeys(celsius_words(start.temperature_c) for start in opened)),
         ("procedure", dict.fromkeys(start.procedure.name for start in opened)),
         ("postures used", counts),
         ("origin", dict.fromkeys(start.origin for start in opened)),
         ("machine file", dict.fromkeys(start.machine_file for start in opened)),
         ("measured with", dict.fromkeys(start.program for start in opened)),
     ]
-    for heading, values in rows:
-        table.add_row(heading, shortened(", ".join(filter(None, values))) or "not stated")
-    for session, record in certified.sessions:
-        table.add_row("record", shortened(session.name))
-        table.add_row("SHA-256 of its last line", record.digest)
+    add_facts(
+        table, rows, [(session.name, record.digest) for session, record in certified.sessions]
+    )
     return table
 
 
@@ -306,7 +271,7 @@ def _machine(machine: HexaSlideMachine, tolerance_mm: float | None) -> Table:
     for axis in "xyz":
         low, high = getattr(box, f"{axis}_mm")
         table.add_row(f"box, {axis}", f"{low:g} … {high:g} mm")
-    for angle in ("theta", "psi", "phi"):
+    for angle in COMPONENTS[3:]:
         low, high = getattr(box, f"{angle}_deg")
         table.add_row(f"box, {angle}", f"{low:g} … {high:g}°")
     tolerances = machine.tolerances

@@ -64,8 +64,9 @@ class Section:
 def first_page(calibration: CertifiedCalibration) -> list[Section]:
     """What was calibrated for whom, how and with what, and the result."""
     solved = calibration.solved
+    simulated = any(session.opened.origin == "simulated" for session in calibration.sessions)
     return [
-        Section("", [_object(calibration), *_not_measured(calibration)]),
+        Section("", [_object(calibration), SIMULATED if simulated else ""]),
         Section("Traceability", traceability(calibration.instruments, gauge_word(solved))),
         Section("Result", _result(solved)),
     ]
@@ -113,18 +114,28 @@ def _object(calibration: CertifiedCalibration) -> Table:
         *ordered_rows(calibration.head, calibration.serial_numbers),
         ("measured", dict.fromkeys(day_words(s.opened, s.readings) for s in sessions)),
         ("operator", dict.fromkeys(start.operator for start in opened)),
-        ("temperature", dict.fromkeys(_temperature(start.temperature_c) for start in opened)),
+        ("temperature", dict.fromkeys(celsius_words(start.temperature_c) for start in opened)),
         ("procedure", dict.fromkeys(procedures)),
         (f"{taken_word(calibration.solved)}s that count", [f"{count}"]),
     ]
-    for heading, values in rows:
-        table.add_row(heading, shortened(", ".join(filter(None, values))) or "not stated")
-    for session in sessions[:MOST_SESSIONS]:
-        table.add_row("record", shortened(session.name))
-        table.add_row("SHA-256 of its last line", session.digest)
+    records = [(session.name, session.digest) for session in sessions[:MOST_SESSIONS]]
+    add_facts(table, rows, records)
     if len(sessions) > MOST_SESSIONS:
         table.add_row("records", f"{len(sessions) - MOST_SESSIONS} more in the annex")
     return table
+
+
+def add_facts(
+    table: Table,
+    facts: Iterable[tuple[str, Iterable[str | None]]],
+    records: Iterable[tuple[str, str]],
+) -> None:
+    """A row for each fact, by its heading, and for the name and the digest of each record."""
+    for heading, values in facts:
+        table.add_row(heading, shortened(", ".join(filter(None, values))) or "not stated")
+    for name, digest in records:
+        table.add_row("record", shortened(name))
+        table.add_row("SHA-256 of its last line", digest)
 
 
 def ordered_rows(
@@ -148,15 +159,9 @@ def ordered_rows(
     return rows
 
 
-def _temperature(value_c: float | None) -> str:
+def celsius_words(value_c: float | None) -> str:
+    """A temperature; empty where it is not known."""
     return "" if value_c is None else f"{value_c:g} °C"
-
-
-def _not_measured(calibration: CertifiedCalibration) -> list[str]:
-    """A simulation is no calibration."""
-    if not any(session.opened.origin == "simulated" for session in calibration.sessions):
-        return []
-    return [SIMULATED]
 
 
 def traceability(instruments: Sequence[InstrumentIdentity], gauge: str) -> list[str | Table]:

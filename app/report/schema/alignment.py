@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
 from app.measuring.aligning import Aligned
 from app.report.schema.document import Report, Source, schema
-from calib.arrays import LEG_NAMES
-from calib.tripod.alignment import Alignment, Shim
+from calib.arrays import LEG_NAMES, FloatArray
+from calib.tripod.alignment import Shim
 from calib.tripod.effects.effect import AROUND, PAIRS
 
 
@@ -33,47 +34,35 @@ class MoveEntry(Report):
     needed: bool = of(lambda r: r.needed)
 
 
-def _leans(alignment: Alignment) -> tuple[FigureEntry, ...]:
-    return tuple(
-        map(FigureEntry, PAIRS, alignment.lean_mrad.tolist(), alignment.expanded[:3].tolist())
-    )
-
-
-def _distances(alignment: Alignment) -> tuple[FigureEntry, ...]:
-    return tuple(
-        map(FigureEntry, AROUND, alignment.distance_mm.tolist(), alignment.expanded[3:].tolist())
-    )
-
-
-@dataclass(frozen=True)
-class AlignmentResults:
-    """What a session, by its name, tells of the rails."""
-
-    session: str
-    aligned: Aligned
+def _figures(
+    pairs: Iterable[str], values: FloatArray, expanded: FloatArray
+) -> tuple[FigureEntry, ...]:
+    return tuple(map(FigureEntry, pairs, values.tolist(), expanded.tolist()))
 
 
 class AlignmentReport(Report):
     """``align --json``: squareness, distances, and the moves of the two rails that do not stay."""
 
-    of = Source[AlignmentResults]()
+    of = Source[str, Aligned]()
     schema_id: Literal["glidecal.alignment/1"] = schema("glidecal.alignment/1")
-    session: str = of(lambda r: r.session)
-    reference: str = of(lambda r: r.aligned.reference, "the rail that stays")
+    session: str = of(lambda session, _: session)
+    reference: str = of(lambda _, r: r.reference, "the rail that stays")
     squareness_mrad: tuple[FigureEntry, ...] = of(
-        lambda r: _leans(r.aligned.found), "positive: less than a right angle"
+        lambda _, r: _figures(PAIRS, r.found.lean_mrad, r.found.expanded[:3]),
+        "positive: less than a right angle",
     )
     distance_mm: tuple[FigureEntry, ...] = of(
-        lambda r: _distances(r.aligned.found), "the first lies so much further along the third axis"
+        lambda _, r: _figures(AROUND, r.found.distance_mm, r.found.expanded[3:]),
+        "the first lies so much further along the third axis",
     )
     moves: tuple[MoveEntry, ...] = of(
-        lambda r: tuple(map(MoveEntry.of, r.aligned.shims)),
+        lambda _, r: tuple(map(MoveEntry.of, r.shims)),
         "to square, or to where the machine file has drives that are not meant to be",
     )
-    left_mm: float = of(lambda r: r.aligned.found.left_mm, "r.m.s. that the fit leaves")
-    noise_mm: float = of(lambda r: r.aligned.found.noise_mm, "of a reading")
+    left_mm: float = of(lambda _, r: r.found.left_mm, "r.m.s. that the fit leaves")
+    noise_mm: float = of(lambda _, r: r.found.noise_mm, "of a reading")
     chance: float = of(
-        lambda r: r.aligned.found.chance,
+        lambda _, r: r.found.chance,
         "probability that noise alone leaves so much; below 0.001 something else acts, and the "
         "uncertainties leave it out",
     )

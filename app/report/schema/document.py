@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, TypeVarTuple, cast
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pydantic.config import JsonDict
 
 S = TypeVar("S")
+R = TypeVarTuple("R")
 V = TypeVar("V")
 D = TypeVar("D", bound="Report")
 
@@ -25,29 +26,30 @@ D = TypeVar("D", bound="Report")
 class ReadOff:
     """How the value of a field is read off the result."""
 
-    read: Callable[[Any], object]
+    read: Callable[..., object]
 
     def __call__(self, schema: JsonDict) -> None:
         """Nothing of it is in the schema."""
 
 
 @dataclass(frozen=True)
-class Source(Generic[S]):
+class Source(Generic[*R]):
     """What a document, or a part of one, is read off: its class begins with ``of = Source[…]()``.
 
     A field is ``key: type = of(lambda result: result.value, words)``; the words go into the schema.
-    ``Part.of(result)`` is the part. A type checker sees all of it.
+    ``Part.of(result)`` is the part; one of several results is read off all of them, in their order.
+    A type checker sees all of it.
     """
 
     def __call__(
-        self, getter: Callable[[S], V], words: str | None = None, *, asked: bool = False
+        self, getter: Callable[[*R], V], words: str | None = None, *, asked: bool = False
     ) -> V:
         """A field and how its value is read; one that is ``asked`` for is no key while None."""
         left_out: dict[str, Any] = {"default": None, "exclude_if": _is_none} if asked else {}
         field = Field(description=words, json_schema_extra=ReadOff(getter), **left_out)
         return cast("V", field)
 
-    def __get__(self, part: object, kind: type[D]) -> Callable[[S], D]:
+    def __get__(self, part: object, kind: type[D]) -> Callable[[*R], D]:
         return kind.read_off
 
 
@@ -69,10 +71,10 @@ class Report(Document):
     )
 
     @classmethod
-    def read_off(cls, result: object) -> Self:
-        """What its ``of`` calls: each field reads its value off the result."""
+    def read_off(cls, *results: object) -> Self:
+        """What its ``of`` calls: each field reads its value off the results."""
         values: dict[str, Any] = {
-            name: field.json_schema_extra.read(result)
+            name: field.json_schema_extra.read(*results)
             for name, field in cls.model_fields.items()
             if isinstance(field.json_schema_extra, ReadOff)
         }

@@ -10,7 +10,7 @@ from app.evaluating.hexaslide_calibration import CalibratedMachine, VerifiedMach
 from app.report.schema.document import LackOfFitEntry, Report, Source, maybe, schema
 from app.report.schema.identifiability import SeenReport
 from calib.design.criteria import Criterion, Observability
-from calib.design.identifiability import ClassicalQr, Combination
+from calib.design.identifiability import ClassicalQr, Combination, SeenBy
 from calib.hexaslide.checked import PAIRS, AgainstTruth, FramesApart, HeldOut
 from calib.hexaslide.geometry import unit_of
 from calib.hexaslide.planning import DIFFERENCE_STEP, UNITS, HexaSlideSeen, PaperRule
@@ -68,15 +68,15 @@ def rules_of(view: HexaSlideSeen) -> PaperRules:
 class HexaSlideIdentifiabilityReport(SeenReport):
     """``identifiability hexaslide --json``."""
 
-    of = Source[HexaSlideSeen]()
-    lost_directions: tuple[LostCombination, ...] = of(_lost)
-    classical_qr: PaperRules = of(rules_of)
-    reachable_rank: int | None = of(
-        lambda r: r.seen.examined.reachable_rank, "with postures enough"
+    of = Source[SeenBy, HexaSlideSeen]()
+    lost_directions: tuple[LostCombination, ...] = of(lambda _, view: _lost(view))
+    classical_qr: PaperRules = of(lambda _, view: rules_of(view))
+    reachable_rank: int | None = of(lambda r, _: r.examined.reachable_rank, "with postures enough")
+    condition_numbers: dict[str, float] = of(
+        lambda _, view: view.conditions, "by units, and without"
     )
-    condition_numbers: dict[str, float] = of(lambda r: r.conditions, "by units, and without")
     parameter_units: dict[str, str] = of(
-        lambda r: {name: unit_of(name) for name in r.seen.found.names}, "of rails' components m/m"
+        lambda r, _: {name: unit_of(name) for name in r.found.names}, "of rails' components m/m"
     )
 
 
@@ -157,11 +157,6 @@ def _noise(solved: CalibratedMachine) -> MeasuringNoiseEntry:
         "stated" if stated else "residuals",
         None if stated else calibrated.degrees_of_freedom,
     )
-
-
-def _lack_of_fit(solved: CalibratedMachine) -> LackOfFitEntry:
-    """Variance that is left by the stated one."""
-    return LackOfFitEntry(statistic=solved.found.lack_of_fit, p_value=solved.found.p_value)
 
 
 @dataclass(frozen=True)
@@ -248,7 +243,7 @@ class ResidualReport(Report):
     """Shares of what is left."""
 
     of = Source[CalibratedMachine]()
-    by_component: tuple[ComponentResidual, ...] = of(lambda r: _by_component(r))
+    by_component: tuple[ComponentResidual, ...] = of(_by_component)
     by_posture: tuple[PostureResidual, ...] = of(
         lambda r: tuple(map(PostureResidual, r.numbers, r.by_posture.tolist()))
     )
@@ -339,23 +334,23 @@ class HexaSlideCalibrationReport(Report):
     machine_file: str = of(lambda r: r.source.machine_file)
     procedure: ProcedureKind = of(lambda r: r.source.procedure)
     measured: tuple[str, ...] = of(lambda r: r.source.measured)
-    postures: PosturesUsed = of(lambda r: PosturesUsed.of(r))
+    postures: PosturesUsed = of(PosturesUsed.of)
     rank: int = of(lambda r: r.found.rank)
     parameter_count: int = of(lambda r: len(r.found.names))
     steps: int = of(lambda r: r.found.steps)
     converged: bool = of(lambda r: r.found.converged)
     rms_before: Rms = of(lambda r: _rms(r.found.before))
     rms_after: Rms = of(lambda r: _rms(r.found.after))
-    noise: MeasuringNoiseEntry = of(lambda r: _noise(r))
-    lack_of_fit: LackOfFitEntry = of(lambda r: _lack_of_fit(r))
+    noise: MeasuringNoiseEntry = of(_noise)
+    lack_of_fit: LackOfFitEntry = of(lambda r: LackOfFitEntry(r.found.lack_of_fit, r.found.p_value))
     condition_number: float = of(lambda r: r.found.condition_number)
     units: str = UNITS
-    parameters: dict[str, HexaSlideParameter] = of(lambda r: _parameters(r))
+    parameters: dict[str, HexaSlideParameter] = of(_parameters)
     individually_known: tuple[str, ...] = of(lambda r: r.found.known)
     lost_motions: tuple[str, ...] = of(lambda r: r.found.unidentifiable)
     lost_count: int = of(lambda r: r.found.unidentifiable_count)
     platform: PlatformReport = of(lambda r: PlatformReport.of(r.platform))
-    inner_lengths: dict[str, InnerLength] = of(lambda r: _inner(r), "26 that no frame changes")
-    residuals: ResidualReport = of(lambda r: ResidualReport.of(r))
+    inner_lengths: dict[str, InnerLength] = of(_inner, "26 that no frame changes")
+    residuals: ResidualReport = of(ResidualReport.of)
     held_out: HeldOutReport | None = of(lambda r: maybe(HeldOutReport.of, r.held_out))
     truth: TruthReport | None = of(lambda r: maybe(TruthReport.of, r.truth))

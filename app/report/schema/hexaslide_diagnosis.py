@@ -9,7 +9,7 @@ from app.evaluating.hexaslide_adoption import Adoption, DiagnosedPostures
 from app.report.schema.document import Report, Source, maybe, schema
 from app.report.schema.hexaslide import PlatformReport
 from calib.hexaslide.causes import AdoptedEffect
-from calib.hexaslide.diagnosis import CauseSize, HexaSlideClaim, HexaSlideDiagnosis
+from calib.hexaslide.diagnosis import CauseSize, HexaSlideClaim
 from calib.hexaslide.held_out import LeftOutGap
 
 
@@ -29,19 +29,6 @@ class MissingTogether(Report):
         lambda r: tuple(MissingEntry(*cause) for cause in r.causes)
     )
     weight: float = of(lambda r: r.weight)
-
-
-@dataclass(frozen=True, eq=False)
-class PostureDiagnosis:
-    """A diagnosis, and what was adopted."""
-
-    diagnosed: DiagnosedPostures
-    adoption: Adoption | None = None
-
-    @property
-    def diagnosis(self) -> HexaSlideDiagnosis:
-        """Of the session."""
-        return self.diagnosed.diagnosis
 
 
 class AdoptedEntry(Report):
@@ -74,35 +61,35 @@ class AdoptionReport(Report):
 class HexaSlideDiagnosisReport(Report):
     """``diagnose --json`` of a session of postures."""
 
-    of = Source[PostureDiagnosis]()
+    of = Source[DiagnosedPostures, Adoption | None]()
     schema_id: Literal["glidecal.hexaslide-diagnosis/1"] = schema("glidecal.hexaslide-diagnosis/1")
-    session: str = of(lambda r: r.diagnosed.name)
+    session: str = of(lambda r, _: r.name)
     verdict: Literal["agrees", "explained", "ambiguous", "unexplained", "cannot-tell"] = of(
-        lambda r: r.diagnosis.verdict
+        lambda r, _: r.diagnosis.verdict
     )
     named: tuple[MissingTogether, ...] = of(
-        lambda r: tuple(map(MissingTogether.of, r.diagnosis.named))
+        lambda r, _: tuple(map(MissingTogether.of, r.diagnosis.named))
     )
     claims: tuple[MissingTogether, ...] = of(
-        lambda r: tuple(map(MissingTogether.of, r.diagnosis.claims)), "99 % of all weight"
+        lambda r, _: tuple(map(MissingTogether.of, r.diagnosis.claims)), "99 % of all weight"
     )
-    sizes: tuple[CauseSize, ...] = of(lambda r: r.diagnosis.sizes)
+    sizes: tuple[CauseSize, ...] = of(lambda r, _: r.diagnosis.sizes)
     platform_rms_mm: float = of(
-        lambda r: 1000.0 * r.diagnosis.platform_m, "that no parameter takes over"
+        lambda r, _: 1000.0 * r.diagnosis.platform_m, "that no parameter takes over"
     )
     mean_square_before: float = of(
-        lambda r: r.diagnosis.gap_before, "in variances of the stated noise"
+        lambda r, _: r.diagnosis.gap_before, "in variances of the stated noise"
     )
-    p_value_before: float = of(lambda r: r.diagnosis.p_before)
-    mean_square_after: float = of(lambda r: r.diagnosis.gap_after)
-    p_value_after: float = of(lambda r: r.diagnosis.p_after)
-    spare_readings: int = of(lambda r: r.diagnosis.spare, "beyond what parameters take")
-    lost_motions: tuple[str, ...] = of(lambda r: r.diagnosis.unidentifiable)
+    p_value_before: float = of(lambda r, _: r.diagnosis.p_before)
+    mean_square_after: float = of(lambda r, _: r.diagnosis.gap_after)
+    p_value_after: float = of(lambda r, _: r.diagnosis.p_after)
+    spare_readings: int = of(lambda r, _: r.diagnosis.spare, "beyond what parameters take")
+    lost_motions: tuple[str, ...] = of(lambda r, _: r.diagnosis.unidentifiable)
     effects_of_model: tuple[AdoptedEntry, ...] | None = of(
-        lambda r: tuple(map(AdoptedEntry.of, r.diagnosed.beside)) or None,
+        lambda r, _: tuple(map(AdoptedEntry.of, r.beside)) or None,
         "with --model: what the readings were diagnosed beside",
         asked=True,
     )
     adopted: AdoptionReport | None = of(
-        lambda r: maybe(AdoptionReport.of, r.adoption), "with --adopt", asked=True
+        lambda _, adoption: maybe(AdoptionReport.of, adoption), "with --adopt", asked=True
     )

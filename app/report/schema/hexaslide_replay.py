@@ -7,6 +7,7 @@ from typing import Literal
 
 from app.report.schema.document import Report, Source, schema
 from protocols.hexaslide_session import PostureSession
+from protocols.record import Record
 
 
 @dataclass(frozen=True)
@@ -33,25 +34,17 @@ def _replayed(session: PostureSession) -> tuple[ReplayedPosture, ...]:
     )
 
 
-@dataclass(frozen=True)
-class ReplayedPostures:
-    """A session of postures, and how its record ends."""
-
-    session: PostureSession
-    end: Literal["closed", "open", "torn"]
-
-
 class HexaSlideReplayReport(Report):
     """``replay --json`` of a session of postures."""
 
-    of = Source[ReplayedPostures]()
+    of = Source[PostureSession, Record]()
     schema_id: Literal["glidecal.hexaslide-replay/1"] = schema("glidecal.hexaslide-replay/1")
-    session: str = of(lambda r: r.session.name)
-    machine: str = of(lambda r: r.session.opened.machine.full_name)
-    procedure: str = of(lambda r: r.session.opened.procedure.name)
-    measured: tuple[str, ...] = of(lambda r: r.session.opened.procedure.whole().measured)
-    origin: Literal["measured", "simulated", "imported"] = of(lambda r: r.session.opened.origin)
-    end: Literal["closed", "open", "torn"] = of(lambda r: r.end)
-    readings: tuple[ReplayedPosture, ...] = of(lambda r: _replayed(r.session))
-    skipped: dict[int, str] = of(lambda r: r.session.skipped)
-    notes: tuple[str, ...] = of(lambda r: r.session.notes)
+    session: str = of(lambda r, _: r.name)
+    machine: str = of(lambda r, _: r.opened.machine.full_name)
+    procedure: str = of(lambda r, _: r.opened.procedure.name)
+    measured: tuple[str, ...] = of(lambda r, _: r.opened.procedure.whole().measured)
+    origin: Literal["measured", "simulated", "imported"] = of(lambda r, _: r.opened.origin)
+    end: Literal["closed", "open", "torn"] = of(lambda _, record: record.end)
+    readings: tuple[ReplayedPosture, ...] = of(lambda r, _: _replayed(r))
+    skipped: dict[int, str] = of(lambda r, _: r.skipped)
+    notes: tuple[str, ...] = of(lambda r, _: r.notes)

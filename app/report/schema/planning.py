@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 from app.report.schema.document import Holes, Matrix, Numbers, Report, Source, holes, maybe, schema
@@ -15,23 +14,15 @@ from calib.tripod.workspace import LargestCube, PlaneMap, PostureOfTool, Working
 from protocols.machine import Machine
 
 
-@dataclass(frozen=True, eq=False)
-class IdentifiabilityResults:
-    """What a procedure sees, and what is to be expected of it."""
-
-    seen: SeenBy
-    expected: ExpectedResult
-
-
 class IdentifiabilityReport(SeenReport):
     """``identifiability --json``: what a procedure sees of a machine of three drives."""
 
-    of = Source[IdentifiabilityResults]()
+    of = Source[SeenBy, ExpectedResult]()
     expected: tuple[ExpectedParameter, ...] | None = of(
-        lambda r: r.expected.parameters, "of tripods", asked=True
+        lambda _, r: r.parameters, "of tripods", asked=True
     )
     expected_tool_bound_mm: float | None = of(
-        lambda r: r.expected.bound_mm,
+        lambda _, r: r.bound_mm,
         "joint offsets entered, workpiece touched off, if readings show nothing else",
         asked=True,
     )
@@ -88,71 +79,49 @@ class FactorMap(Report):
     factor: Holes = of(lambda r: holes(r.value), "null where the tool does not reach")
 
 
-@dataclass(frozen=True, eq=False)
-class WorkspaceResults:
-    """The workspace of a machine."""
-
-    machine: Machine
-    workspace: Workspace
-
-
 class WorkspaceReport(Report):
     """``workspace --json``: where the tool can be, and how its drives move it there."""
 
-    of = Source[WorkspaceResults]()
+    of = Source[Machine, Workspace]()
     schema_id: Literal["glidecal.workspace/1"] = schema("glidecal.workspace/1")
-    machine: str = of(lambda r: r.machine.name)
-    low_mm: Numbers = of(lambda r: r.workspace.low_mm.tolist(), "lowest corner of its box")
-    high_mm: Numbers = of(lambda r: r.workspace.high_mm.tolist())
-    stated: bool = of(lambda r: r.workspace.stated, "the box is workspace_mm of the machine file")
-    reached: float = of(
-        lambda r: r.workspace.reached, "share of the box that joint limits and bars allow"
-    )
-    volume_mm3: float = of(lambda r: r.workspace.volume_mm3, "of that share")
+    machine: str = of(lambda machine, _: machine.name)
+    low_mm: Numbers = of(lambda _, r: r.low_mm.tolist(), "lowest corner of its box")
+    high_mm: Numbers = of(lambda _, r: r.high_mm.tolist())
+    stated: bool = of(lambda _, r: r.stated, "the box is workspace_mm of the machine file")
+    reached: float = of(lambda _, r: r.reached, "share of the box that joint limits and bars allow")
+    volume_mm3: float = of(lambda _, r: r.volume_mm3, "of that share")
     lowest_factor: float = of(
-        lambda r: r.workspace.lowest_factor, "velocity transmission, tool over carriages"
+        lambda _, r: r.lowest_factor, "velocity transmission, tool over carriages"
     )
-    highest_factor: float = of(lambda r: r.workspace.highest_factor)
-    factors_at_zero: Numbers = of(lambda r: r.workspace.at_zero.tolist())
-    limit: float = of(lambda r: r.workspace.limit)
+    highest_factor: float = of(lambda _, r: r.highest_factor)
+    factors_at_zero: Numbers = of(lambda _, r: r.at_zero.tolist())
+    limit: float = of(lambda _, r: r.limit)
     within_limit: float = of(
-        lambda r: r.workspace.inside, "share of the workspace, factors 1/limit … limit"
+        lambda _, r: r.inside, "share of the workspace, factors 1/limit … limit"
     )
-    largest_cube: Cube | None = of(lambda r: maybe(Cube.of, r.workspace.cube), "null: none")
+    largest_cube: Cube | None = of(lambda _, r: maybe(Cube.of, r.cube), "null: none")
     theta_deg: Matrix = of(
-        lambda r: r.workspace.theta_deg.tolist(),
+        lambda _, r: r.theta_deg.tolist(),
         "of legs x, y, z, lowest and highest; papers/000 (1)",
     )
-    beta_deg: Matrix = of(lambda r: r.workspace.beta_deg.tolist())
-    maps: tuple[FactorMap, ...] = of(lambda r: tuple(map(FactorMap.of, r.workspace.maps)))
-
-
-@dataclass(frozen=True, eq=False)
-class PostureResults:
-    """One place of the tool of a machine."""
-
-    machine: Machine
-    posture: PostureOfTool
+    beta_deg: Matrix = of(lambda _, r: r.beta_deg.tolist())
+    maps: tuple[FactorMap, ...] = of(lambda _, r: tuple(map(FactorMap.of, r.maps)))
 
 
 class PostureReport(Report):
     """``workspace --at --json``: one place of the tool."""
 
-    of = Source[PostureResults]()
+    of = Source[Machine, PostureOfTool]()
     schema_id: Literal["glidecal.posture/1"] = schema("glidecal.posture/1")
-    machine: str = of(lambda r: r.machine.name)
-    tool_mm: tuple[float, float, float] = of(lambda r: r.posture.tool_mm)
-    stands: bool = of(lambda r: r.posture.stands, "joint limits and bars allow it")
-    theta_deg: Numbers = of(
-        lambda r: r.posture.theta_deg.tolist(), "of legs x, y, z; papers/000 (1)"
-    )
-    beta_deg: Numbers = of(lambda r: r.posture.beta_deg.tolist())
+    machine: str = of(lambda machine, _: machine.name)
+    tool_mm: tuple[float, float, float] = of(lambda _, r: r.tool_mm)
+    stands: bool = of(lambda _, r: r.stands, "joint limits and bars allow it")
+    theta_deg: Numbers = of(lambda _, r: r.theta_deg.tolist(), "of legs x, y, z; papers/000 (1)")
+    beta_deg: Numbers = of(lambda _, r: r.beta_deg.tolist())
     factors: Numbers = of(
-        lambda r: r.posture.factors.tolist(), "velocity transmission, tool over carriages"
+        lambda _, r: r.factors.tolist(), "velocity transmission, tool over carriages"
     )
-    working_modes: tuple[WorkingMode, ...] = of(
-        lambda r: r.posture.modes, "the machine's own first"
-    )
+    working_modes: tuple[WorkingMode, ...] = of(lambda _, r: r.modes, "the machine's own first")
     other_assembly_mm: Numbers = of(
-        lambda r: r.posture.assembly_mm.tolist(), "where the same bars meet as well"
+        lambda _, r: r.assembly_mm.tolist(), "where the same bars meet as well"
     )

@@ -3,46 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 from app.report.schema.document import Report, Source, schema
 from drivers.port import ListPortInfo
 from drivers.profile import Evidence, Fault, FaultKind, IndicatorReading, Outcome, Profile, Unit
+from protocols.record import Record
 from protocols.session import Reading, Session
 
 POSITION = "of a reading of the tool, from Zero"
 
 
-@dataclass(frozen=True)
-class TakenReading:
-    """A reading, and why it does not count; None: it counts."""
-
-    reading: Reading
-    superseded: str | None
-
-
 class ReplayedReading(Report):
     """A reading as recorded; ``superseded`` is the reason why it does not count, or null."""
 
-    of = Source[TakenReading]()
-    reading: int = of(lambda r: r.reading.reading)
-    leg: str = of(lambda r: r.reading.leg)
-    axis: str = of(lambda r: r.reading.axis)
-    displacement_mm: float = of(lambda r: r.reading.displacement_mm)
-    position_mm: tuple[float, ...] | None = of(
-        lambda r: r.reading.position_mm, POSITION, asked=True
-    )
-    value_mm: float = of(lambda r: r.reading.value_mm)
-    text: str = of(lambda r: r.reading.text)
-    cycle: int = of(lambda r: r.reading.cycle)
-    mount: str = of(lambda r: r.reading.mount)
-    station: float = of(lambda r: r.reading.station)
-    time_s: float | None = of(lambda r: r.reading.time_s)
-    temperature_c: float | None = of(lambda r: r.reading.temperature_c)
-    averaged: int = of(lambda r: r.reading.averaged)
-    superseded: str | None = of(lambda r: r.superseded)
-    extra: dict[str, str] = of(lambda r: r.reading.extra)
+    of = Source[Reading, str | None]()
+    reading: int = of(lambda r, _: r.reading)
+    leg: str = of(lambda r, _: r.leg)
+    axis: str = of(lambda r, _: r.axis)
+    displacement_mm: float = of(lambda r, _: r.displacement_mm)
+    position_mm: tuple[float, ...] | None = of(lambda r, _: r.position_mm, POSITION, asked=True)
+    value_mm: float = of(lambda r, _: r.value_mm)
+    text: str = of(lambda r, _: r.text)
+    cycle: int = of(lambda r, _: r.cycle)
+    mount: str = of(lambda r, _: r.mount)
+    station: float = of(lambda r, _: r.station)
+    time_s: float | None = of(lambda r, _: r.time_s)
+    temperature_c: float | None = of(lambda r, _: r.temperature_c)
+    averaged: int = of(lambda r, _: r.averaged)
+    superseded: str | None = of(lambda _, superseded: superseded)
+    extra: dict[str, str] = of(lambda r, _: r.extra)
 
 
 class Average(Report):
@@ -73,25 +63,17 @@ def _by_posture(session: Session) -> dict[tuple[object, ...], list[Reading]]:
     return groups
 
 
-@dataclass(frozen=True, eq=False)
-class ReplayedSession:
-    """A session, and how its record ends."""
-
-    session: Session
-    end: Literal["closed", "open", "torn"]
-
-
 class ReplayReport(Report):
     """``replay --json``: every reading, and the averages of those that count."""
 
-    of = Source[ReplayedSession]()
+    of = Source[Record]()
     schema_id: Literal["glidecal.replay/1"] = schema("glidecal.replay/1")
     session: str = of(lambda r: r.session.name)
     end: str = of(lambda r: r.end, "closed, or how the record ends")
     remarks: tuple[str, ...] = of(lambda r: r.session.opened.remarks)
     readings: tuple[ReplayedReading, ...] = of(
         lambda r: tuple(
-            ReplayedReading.of(TakenReading(reading, r.session.superseded.get(reading.reading)))
+            ReplayedReading.of(reading, r.session.superseded.get(reading.reading))
             for reading in r.session.all_readings
         )
     )
@@ -100,53 +82,37 @@ class ReplayReport(Report):
     )
 
 
-@dataclass(frozen=True)
-class ProfiledReading:
-    """A reading, and the name of the profile that read it."""
-
-    profile: str
-    reading: IndicatorReading
-
-
 class ReadingReport(Report):
     """``indicator read --json``: one value."""
 
-    of = Source[ProfiledReading]()
+    of = Source[str, IndicatorReading]()
     schema_id: Literal["glidecal.reading/1"] = schema("glidecal.reading/1")
-    profile: str = of(lambda r: r.profile)
-    text: str = of(lambda r: r.reading.text, "as received")
-    value_mm: float = of(lambda r: r.reading.value_mm)
-    unit: Unit = of(lambda r: r.reading.unit)
-    unit_assumed: bool = of(lambda r: r.reading.unit_assumed)
-    resolution_mm: float = of(lambda r: r.reading.resolution_mm)
+    profile: str = of(lambda profile, _: profile)
+    text: str = of(lambda _, r: r.text, "as received")
+    value_mm: float = of(lambda _, r: r.value_mm)
+    unit: Unit = of(lambda _, r: r.unit)
+    unit_assumed: bool = of(lambda _, r: r.unit_assumed)
+    resolution_mm: float = of(lambda _, r: r.resolution_mm)
     status: Literal["value"] = "value"
-    warning: str | None = of(lambda r: r.reading.warning or None)
-
-
-@dataclass(frozen=True)
-class ProfiledFault:
-    """A fault, and the name of the profile that read it."""
-
-    profile: str
-    fault: Fault
+    warning: str | None = of(lambda _, r: r.warning or None)
 
 
 class FaultReport(Report):
     """``indicator read --json``: why there is no value."""
 
-    of = Source[ProfiledFault]()
+    of = Source[str, Fault]()
     schema_id: Literal["glidecal.reading/1"] = schema("glidecal.reading/1")
-    profile: str = of(lambda r: r.profile)
-    text: str = of(lambda r: r.fault.text, "as received")
-    status: FaultKind = of(lambda r: r.fault.kind)
-    words: str = of(lambda r: r.fault.words)
+    profile: str = of(lambda profile, _: profile)
+    text: str = of(lambda _, r: r.text, "as received")
+    status: FaultKind = of(lambda _, r: r.kind)
+    words: str = of(lambda _, r: r.words)
 
 
 def outcome_report(profile: str, outcome: Outcome) -> ReadingReport | FaultReport:
     """The document of one outcome."""
     if isinstance(outcome, Fault):
-        return FaultReport.of(ProfiledFault(profile, outcome))
-    return ReadingReport.of(ProfiledReading(profile, outcome))
+        return FaultReport.of(profile, outcome)
+    return ReadingReport.of(profile, outcome)
 
 
 class FoundPort(Report):
@@ -168,18 +134,12 @@ class KnownProfile(Report):
     source: str = of(lambda r: r.source)
 
 
-@dataclass(frozen=True)
-class SerialPorts:
-    """Ports of this computer, and profiles for what may be there."""
-
-    ports: Sequence[ListPortInfo]
-    profiles: Sequence[Profile]
-
-
 class PortsReport(Report):
     """``ports --json``."""
 
-    of = Source[SerialPorts]()
+    of = Source[Sequence[ListPortInfo], Sequence[Profile]]()
     schema_id: Literal["glidecal.ports/1"] = schema("glidecal.ports/1")
-    ports: tuple[FoundPort, ...] = of(lambda r: tuple(map(FoundPort.of, r.ports)))
-    profiles: tuple[KnownProfile, ...] = of(lambda r: tuple(map(KnownProfile.of, r.profiles)))
+    ports: tuple[FoundPort, ...] = of(lambda ports, _: tuple(map(FoundPort.of, ports)))
+    profiles: tuple[KnownProfile, ...] = of(
+        lambda _, profiles: tuple(map(KnownProfile.of, profiles))
+    )

@@ -70,7 +70,10 @@ def schemas() -> dict[str, str]:
         for name, kinds in by_name.items()
     }
     # the first line of a record has the id, a schema is for each of its lines
-    return texts | {name: _lines(form) for name, form in forms.items()}
+    return texts | {
+        name: _text(ID.sub(r"\1", form.schema), form.lines, is_output=False)
+        for name, form in forms.items()
+    }
 
 
 def record_forms() -> dict[str, RecordForm]:
@@ -83,11 +86,6 @@ def record_forms() -> dict[str, RecordForm]:
                     name = ID.sub(r"\1", value.schema).replace("/", "-")
                     forms[f"{name}.json"] = value
     return forms
-
-
-def _lines(form: RecordForm) -> str:
-    """The schema of any line of a record."""
-    return _text(ID.sub(r"\1", form.schema), form.lines, is_output=False)
 
 
 def meaning(schema: str) -> object:

@@ -63,15 +63,12 @@ UNSEEN = (
 def correction_table(correction: SessionCorrection) -> Table:
     """The values to enter, or those that are not worth it."""
     table = new_table("enter" if correction.helps else "", "value", "", "± U (95 %)")
-    wide = (
-        {}
-        if correction.uncertainties_mm is None
-        else dict(zip("xyz", correction.uncertainties_mm[1], strict=True))
-    )
+    width: dict[str, str] = {}
+    if correction.uncertainties_mm is not None:
+        expanded = (uncertain(float(mm), 4) for mm in correction.uncertainties_mm[1])
+        width = dict(zip(("d_rho_x", "d_rho_y", "d_rho_z"), expanded, strict=True))
     for name, entry in correction.values.items():
-        half = wide.get(name[-1]) if name.startswith("d_rho") else None
-        width_words = "" if half is None else uncertain(float(half), 4)
-        table.add_row(name, shown_value(entry.value), entry.unit, width_words)
+        table.add_row(name, shown_value(entry.value), entry.unit, width.get(name, ""))
     return table
 
 

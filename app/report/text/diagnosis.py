@@ -239,10 +239,9 @@ def _pattern(diagnosed: SessionDiagnosis) -> list[str]:
     )
     pairs = [
         hanging(
-            f"{INDENT}{names[pair.second]} less {pair.scale:.2f} × {names[pair.first]} (cosine"
-            f" {pair.cosine:.3f}): {pair.before_rms_mm:.4f} → {pair.after_rms_mm:.4f} mm, "
-            "noise alone"
-            f" {pair.noise_rms_mm:.4f} mm",
+            f"{INDENT}{names[pair.second]} less {pair.scale:.2f} × {names[pair.first]} (cosine "
+            f"{pair.cosine:.3f}): {pair.before_rms_mm:.4f} → {pair.after_rms_mm:.4f} mm, noise "
+            f"alone {pair.noise_rms_mm:.4f} mm",
             INDENT,
         )
         for pair in pattern.pairs
@@ -276,11 +275,10 @@ def open_text(diagnosis: Diagnosis) -> str:
         return ""
     if diagnosis.verdict != "cannot-tell" and diagnosis.something_else < BESIDE_AGREEMENT:
         return ""
-    unnamed = probability_words(diagnosis.something_else)
+    missing, unnamed = map(probability_words, (diagnosis.missing, diagnosis.something_else))
     return (
-        f"Probability that anything is missing: {probability_words(diagnosis.missing)}; that "
-        "something "
-        f"without a name acts: {unnamed}."
+        f"Probability that anything is missing: {missing}; that something without a name acts: "
+        f"{unnamed}."
     )
 
 
@@ -344,10 +342,8 @@ def discrepancy_text(discrepancy: ModelDiscrepancy) -> str:
     below = _values_and_gap(discrepancy)
     if discrepancy.held_out_gap:
         below.append(held_out_words(discrepancy.held_out_gap))
-    begin = "What has no name is most likely this"
-    return "\n".join(
-        [f"{begin}: {discrepancy.title}.", *(hanging(INDENT + v, INDENT) for v in below)]
-    )
+    begin = f"What has no name is most likely this: {discrepancy.title}."
+    return "\n".join([begin, *(hanging(INDENT + line, INDENT) for line in below)])
 
 
 def held_out_words(gap: HeldOutGap) -> str:
@@ -357,10 +353,8 @@ def held_out_words(gap: HeldOutGap) -> str:
             f"Held out ({gap.how}): {gap.before_rms_mm:.4f} mm, noise {gap.noise_rms_mm:.4f} mm. "
             "No effect was named that could reduce it."
         )
-    sentence = (
-        f"Held out ({gap.how}): {gap.before_rms_mm:.4f} → {gap.after_rms_mm:.4f} mm, "
-        f"noise {gap.noise_rms_mm:.4f} mm."
-    )
+    gaps = f"{gap.before_rms_mm:.4f} → {gap.after_rms_mm:.4f} mm"
+    sentence = f"Held out ({gap.how}): {gaps}, noise {gap.noise_rms_mm:.4f} mm."
     if gap.before_rms_mm < SHOWN_MM:
         return sentence + " There is no gap to reduce."
     if gap.after_rms_mm >= gap.before_rms_mm:
@@ -394,17 +388,13 @@ def shown_candidates(diagnosis: Diagnosis) -> list[Contender]:
     By probability, the largest first.
     """
     least = BESIDE_AGREEMENT if diagnosis.verdict == "agrees" else LIKELY
-    likely = [candidate for candidate in diagnosis.candidates if candidate.probability >= least][
-        :SHOWN_CANDIDATES
-    ]
-    judged = [
-        candidate for candidate in diagnosis.candidates if candidate.held_out_gap_rms_mm is not None
-    ]
-    # through ties: every processor must show the same one
-    best = descending(judged, lambda candidate: -(candidate.held_out_gap_rms_mm or 0.0))[:1]
+    likely = [c for c in diagnosis.candidates if c.probability >= least][:SHOWN_CANDIDATES]
     if diagnosis.verdict != "agrees":
-        likely += [candidate for candidate in best if candidate not in likely]
-    return descending(likely, lambda candidate: candidate.probability)
+        judged = [c for c in diagnosis.candidates if c.held_out_gap_rms_mm is not None]
+        # through ties: every processor must show the same one
+        best = descending(judged, lambda c: -(c.held_out_gap_rms_mm or 0.0))[:1]
+        likely += [c for c in best if c not in likely]
+    return descending(likely, lambda c: c.probability)
 
 
 def candidates_table(candidates: Sequence[Contender]) -> Table:
@@ -417,13 +407,9 @@ def candidates_table(candidates: Sequence[Contender]) -> Table:
         likely = probability_words(candidate.probability)
         unseen_mm = candidate.held_out_gap_rms_mm
         unseen = "" if unseen_mm is None else f"{unseen_mm:.4f}"
-        gaps = (
-            f"{candidate.gap_rms_after_mm:.4f}",
-            unseen if held_out else f"{candidate.explained:.0%}",
-        )
-        table.add_row(
-            candidate.id, candidate.where, likely, *gaps, candidate.reason_rejected or "named"
-        )
+        alone = unseen if held_out else f"{candidate.explained:.0%}"
+        left, why = f"{candidate.gap_rms_after_mm:.4f}", candidate.reason_rejected or "named"
+        table.add_row(candidate.id, candidate.where, likely, left, alone, why)
     return table
 
 
@@ -517,7 +503,7 @@ def ranking_text(diagnosed: SessionDiagnosis) -> str:
     if diagnosis.effects:
         fallback = "There is no choice: the verdict names the only likely effects."
     parts = [candidates_text(diagnosis) or fallback]
-    for finding in (finding for finding in diagnosis.effects if finding.effects):
+    for finding in filter(lambda finding: finding.effects, diagnosis.effects):
         subject = f"{finding.id} ({finding.where})"
         sentence = f"In these readings no other effect looks like {subject}."
         if rivals := _rivals(finding):

@@ -45,20 +45,17 @@ def calibration_text(solved: CalibratedMachine) -> str:
     """The sentences that matter, parameters, what is left, then the checks."""
     document = HexaSlideCalibrationReport.of(solved)  # words and JSON tell the same numbers
     linked = document.procedure is ProcedureKind.CONSTRAINT_LINK
-    quantities = ", ".join(
-        ["sliders on the constraint link" if linked else "sliders", *document.measured]
-    )
+    sliders = "sliders on the constraint link" if linked else "sliders"
     verdict = (
-        f"{document.rank} of {document.parameter_count} combinations of the parameters "
-        "identified from "
-        f"{document.postures.fitted} postures in {document.steps} steps.",
+        f"{document.rank} of {document.parameter_count} combinations of the parameters identified "
+        f"from {document.postures.fitted} postures in {document.steps} steps.",
         f"{LEFT_WORDS[document.procedure]}, r.m.s.: "
         f"{_both(document.rms_before, document.rms_after)}.",
     )
     return paragraphs(
         f"{document.measurements}: {document.machine} ({document.machine_file}), "
-        f"{document.procedure.value}, "
-        f"{document.postures.count} {document.origin} postures; read: {quantities}",
+        f"{document.procedure.value}, {document.postures.count} {document.origin} postures; read: "
+        f"{', '.join([sliders, *document.measured])}",
         beside_words(solved.adopted),
         "\n".join([*verdict, platform_text(document), *caveats(document)]),
         parameter_table(document),
@@ -166,14 +163,15 @@ def platform_text(document: HexaSlideCalibrationReport) -> str:
         frames = " Frames that nothing shows are laid over."
     if platform.in_frame_of_tracker:
         frames += f" {OF_TRACKER}"
-    largest = (
-        f"by at most {platform.bound_rms_mm:.3g} mm r.m.s. with the calibrated machine (95 %)."
-        if platform.bound_rms_mm is not None
-        else "by an unknown amount with the calibrated machine: no noise is known."
-        if not platform.left_open
-        else f"by an unknown amount with the calibrated machine: {platform.left_open} combinations "
-        "other than frames remain open."
-    )
+    if platform.bound_rms_mm is not None:
+        largest = (
+            f"by at most {platform.bound_rms_mm:.3g} mm r.m.s. with the calibrated machine (95 %)."
+        )
+    else:
+        reason = "no noise is known"
+        if platform.left_open:
+            reason = f"{platform.left_open} combinations other than frames remain open"
+        largest = f"by an unknown amount with the calibrated machine: {reason}."
     return (
         f"The platform, over the box: off by {platform.now_rms_mm:.3g} mm r.m.s. now (worst "
         f"{platform.now_worst_mm:.3g}), {largest}{frames}"

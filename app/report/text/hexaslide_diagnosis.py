@@ -148,7 +148,5 @@ def diagnosis_parts(diagnosis: HexaSlideDiagnosis) -> list[str | Table]:
         )
     if diagnosis.unidentifiable:
         lines.append(f"The readings do not show: {'; '.join(diagnosis.unidentifiable)}.")
-    parts: list[str | Table] = [verdict_words(diagnosis)]
-    parts += [claims] if diagnosis.claims else []
-    parts += [sizes] if diagnosis.sizes else []
-    return [*parts, "\n".join(lines)]
+    tables = [table for table in (claims, sizes) if table.rows]
+    return [verdict_words(diagnosis), *tables, "\n".join(lines)]

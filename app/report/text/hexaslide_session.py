@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from rich.table import Table
 
 from app.measuring.hexaslide import PostureDoubt, PostureTask, departed
 from app.report.text.tables import WIDTH, hanging, new_table, paragraphs, wrapped
 from calib.hexaslide.geometry import CHAINS
-from calib.hexaslide.procedures import ANGLES
+from calib.hexaslide.procedures import ANGLES, COMPONENTS
 from protocols.hexaslide_session import FIRST_APPROACH, PostureCommands, PostureSession
 
-COORDINATES = ("x", "y", "z", "theta", "psi", "phi")
 SLIDERS = tuple(f"slider {chain}" for chain in range(1, CHAINS + 1))
 MOST_EXPLANATIONS = 3
 
@@ -24,7 +23,7 @@ def task_text(task: PostureTask) -> str:
     """Where to send the sliders, and what to attach."""
     slider_words = [f"{value:.4f}" for value in task.sliders_mm]
     coordinate_words = [
-        f"{name} {value:.3f}" for name, value in zip(COORDINATES, task.posture, strict=True)
+        f"{name} {value:.3f}" for name, value in zip(COMPONENTS, task.posture, strict=True)
     ]
     lines = [
         f"Posture {task.number} of {task.count}",
@@ -71,7 +70,7 @@ def plan_text(planned: PostureCommands) -> str:
     return paragraphs(
         f"{planned.procedure.name}: {len(planned.procedure.postures)} postures, mm and degrees. "
         f"{planned.procedure.attach} {FIRST_APPROACH}",
-        _stacked(["posture"], [*COORDINATES, *SLIDERS], rows),
+        _stacked(["posture"], [*COMPONENTS, *SLIDERS], rows),
     )
 
 
@@ -89,23 +88,23 @@ def replay_text(session: PostureSession) -> str:
 
 def readings_parts(session: PostureSession) -> tuple[Table, list[str]]:
     """Every reading for a terminal, below them those that do not count with the reason."""
-    rows = [
-        (
-            (str(reading.reading), str(reading.posture)),
-            [f"{value:.4f}" for value in (*reading.sliders_mm, *reading.values)],
-        )
-        for reading in session.all_readings
-    ]
-    table = _stacked(["reading", "posture"], [*SLIDERS, *_heads(session)], rows)
     reasons = [
         f"Reading {number} does not count: {why}." for number, why in session.superseded.items()
     ]
-    return table, reasons
+    return _stacked(["reading", "posture"], _heads(session), list(_rows(session))), reasons
 
 
 def _heads(session: PostureSession) -> list[str]:
+    """Of the figures of a reading."""
     measured = session.opened.procedure.whole().measured
-    return [f"{name}, °" if name in ANGLES else f"{name}, mm" for name in measured]
+    return [*SLIDERS, *(f"{name}, °" if name in ANGLES else f"{name}, mm" for name in measured)]
+
+
+def _rows(session: PostureSession) -> Iterator[tuple[tuple[str, str], list[str]]]:
+    """Numbers of each reading and of its posture, and its figures."""
+    for reading in session.all_readings:
+        figures = [f"{value:.4f}" for value in (*reading.sliders_mm, *reading.values)]
+        yield (f"{reading.reading}", f"{reading.posture}"), figures
 
 
 def _stacked(
@@ -127,12 +126,9 @@ def _stacked(
 
 def readings_table(session: PostureSession) -> Table:
     """A row for each reading, with the reason where it does not count; for a page of a report."""
-    table = new_table("reading", "posture", *SLIDERS, *_heads(session), "")
-    for reading in session.all_readings:
-        numbers = (*reading.sliders_mm, *reading.values)
-        why = session.superseded.get(reading.reading, "")
-        row = (str(reading.reading), str(reading.posture), *(f"{value:.4f}" for value in numbers))
-        table.add_row(*row, why)
+    table = new_table("reading", "posture", *_heads(session), "")
+    for (number, posture), figures in _rows(session):
+        table.add_row(number, posture, *figures, session.superseded.get(int(number), ""))
     return table
 
 

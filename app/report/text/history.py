@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 
 from rich.table import Table
@@ -21,7 +22,7 @@ from calib.arrays import LEG_NAMES
 from calib.control_chart import FEWEST, RULES
 from calib.printable import counted
 
-DAYS_A_MONTH = 30.44  # 365.25 / 12
+UM_A_MONTH = 1000.0 * 30.44  # of mm a day: a month has 365.25 / 12 days
 
 TOO_EARLY = (
     f"A drift cannot be determined yet: this takes {FEWEST} sessions of one state of the machine "
@@ -100,20 +101,22 @@ def machine_names(history: History) -> list[str]:
 
 def machine_rows(history: History) -> list[str]:
     """A line for each machine, with the number of its sessions and the last one."""
-    pasts = history.all_machines
-    names = machine_names(history)
     return [
-        f"{name}: {len(past.points)} session{'s' * (len(past.points) > 1)}, "
-        f"last {past.points[-1].entry.began:%Y-%m-%d}"
-        for name, past in zip(names, pasts, strict=True)
+        f"{name}: {counted(count, 'session')}, last {day}" for name, count, day in _rows(history)
     ]
+
+
+def _rows(history: History) -> Iterator[tuple[str, int, str]]:
+    """Of each machine its name, how many sessions, and the day of the last one."""
+    for name, past in zip(machine_names(history), history.all_machines, strict=True):
+        yield name, len(past.points), f"{past.points[-1].entry.began:%Y-%m-%d}"
 
 
 def machines_table(history: History) -> Table:
     """A row for each machine."""
     table = new_table("machine", "sessions", "last", left=1)
-    for name, past in zip(machine_names(history), history.all_machines, strict=True):
-        table.add_row(name, f"{len(past.points)}", f"{past.points[-1].entry.began:%Y-%m-%d}")
+    for name, count, day in _rows(history):
+        table.add_row(name, f"{count}", day)
     return table
 
 
@@ -138,7 +141,7 @@ def machine_sentence(machine: MachineHistory, now: datetime) -> str:
 
 
 def _last_words(name: str, origin: str, count: int) -> str:
-    return f"{name}{ORIGIN_WORDS[origin]}: {count} session{'s' * (count > 1)}. Last"
+    return f"{name}{ORIGIN_WORDS[origin]}: {counted(count, 'session')}. Last"
 
 
 def _when_words(began: datetime, now: datetime) -> str:
@@ -197,9 +200,7 @@ def drift_lines(machine: MachineHistory) -> list[str]:
     lines = []
     for name, joint in zip(LEG_NAMES, machine.joints, strict=True):
         if joint.drift is not None and joint.drift.shown:
-            um, wide = (
-                1000.0 * DAYS_A_MONTH * v for v in (joint.drift.per_day, joint.drift.expanded)
-            )
+            um, wide = (UM_A_MONTH * v for v in (joint.drift.per_day, joint.drift.expanded))
             lines.append(f"Drift of joint {name}: {signed(um, 1)} ± {wide:.1f} µm a month")
     return lines
 
@@ -215,16 +216,11 @@ def sessions_table(machine: MachineHistory) -> tuple[Table, list[str]]:
         offsets, expanded = entry.offsets_mm or (), entry.expanded_mm or ()
         changed = [bool(joint.chart.changed[number - 1]) for joint in machine.joints]
         rules = [joint.chart.signals[number - 1] for joint in machine.joints]
-        marks = zip(rules, changed, strict=True)
-        signs = [
-            "".join(RULE_MARKS[n] for n in joint_signals) or "!" * new
-            for joint_signals, new in marks
-        ]
-        marked = zip(offsets, signs, strict=True)
+        marked = zip(offsets, rules, changed, strict=True)
         table.add_row(
             f"{number}",
             f"{entry.began:%Y-%m-%d}",
-            *(f"{signed(mm, 4)}{sign or ' '}" for mm, sign in marked),
+            *(f"{signed(mm, 4)}{_sign(signals, new) or ' '}" for mm, signals, new in marked),
             f"{max(expanded):.4f}",
             uncertain(entry.bound_before_mm),
             "" if entry.temperature_c is None else f"{entry.temperature_c:.1f}",
@@ -237,6 +233,11 @@ def sessions_table(machine: MachineHistory) -> tuple[Table, list[str]]:
     return table, [*rule_sentences(machine), *notes]
 
 
+def _sign(signals: Sequence[int], new: bool) -> str:
+    """The rules that a value completes, else whether it changed."""
+    return "".join(RULE_MARKS[rule] for rule in signals) or "!" * new
+
+
 def rule_sentences(machine: MachineHistory) -> list[str]:
     """For each Western Electric rule the joints, the first session that completes it, how many."""
     sentences = []
@@ -247,11 +248,9 @@ def rule_sentences(machine: MachineHistory) -> list[str]:
         }
         if sessions := sorted({number for numbers in completed.values() for number in numbers}):
             joints = ", ".join(name for name, numbers in completed.items() if numbers)
-            sentences.append(
-                hanging(
-                    f"{RULE_MARKS[rule]}  Rule {rule}, {words}, joint {joints}: first in session "
-                    f"{sessions[0]}, in {counted(len(sessions), 'session')}.",
-                    "   ",
-                )
+            sentence = (
+                f"{RULE_MARKS[rule]}  Rule {rule}, {words}, joint {joints}: first in session "
+                f"{sessions[0]}, in {counted(len(sessions), 'session')}."
             )
+            sentences.append(hanging(sentence, "   "))
     return sentences

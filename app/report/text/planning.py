@@ -148,13 +148,8 @@ def postures_text(optimum: ChosenPostures) -> str:
     names = list(optimum.postures[0])
     table = new_table(*(name.replace("_mm", ", mm") for name in names))
     for posture in optimum.postures:
-        coordinates = (posture[name] for name in names)
-        table.add_row(
-            *(
-                posture_value if isinstance(posture_value, str) else f"{posture_value:g}"
-                for posture_value in coordinates
-            )
-        )
+        values = (posture[name] for name in names)
+        table.add_row(*(v if isinstance(v, str) else f"{v:g}" for v in values))
     grid, value = optimum.grid_value, optimum.after.value
     if grid is None:  # a file holds just what is judged here
         moved = "The postures keep to the grid: --no-refine."
@@ -186,28 +181,22 @@ NOTHING_YET = (
 
 def plan_text(plan: MeasurementPlan) -> str:
     """One sentence, then the runners-up; set-ups in turn, names, and instruments outside."""
-    basis_words = (
-        f"after {', '.join(plan.sessions)}" if plan.sessions else "with nothing measured yet"
-    )
+    basis = f"after {', '.join(plan.sessions)}" if plan.sessions else "with nothing measured yet"
     table = new_table("next best", "minutes", "tool at most, mm")
-    for runner_up in plan.runners_up:
-        table.add_row(
-            runner_up.candidate.words,
-            f"{runner_up.candidate.minutes:.1f}",
-            uncertain(runner_up.bound_mm),
-        )
+    for proposal in plan.runners_up:
+        candidate = proposal.candidate
+        table.add_row(candidate.words, f"{candidate.minutes:.1f}", uncertain(proposal.bound_mm))
     planner, best = plan.planner, plan.best
     entered = planner.correction
     hardly = "hardly " if best.bound_mm > WORTH * planner.bound_mm else ""
     after = (
         f"In {best.candidate.minutes:.1f} min this {hardly}lowers the bound (95 %) of the tool "
-        "error from "
-        f"{uncertain(planner.bound_mm)} to {uncertain(best.bound_mm)} mm r.m.s., "
+        f"error from {uncertain(planner.bound_mm)} to {uncertain(best.bound_mm)} mm r.m.s., "
         f"{FRAME_WORDS[entered.frame]}, {FORMATS_WORDS[entered.holds]} entered (noise "
         f"{plan.noise_words})."
     )
     return paragraphs(
-        f"Next, {basis_words}: {best.candidate.words}, both axes. {after}",
+        f"Next, {basis}: {best.candidate.words}, both axes. {after}",
         table,
         further_text(planner.reach),
         "" if plan.sessions else NOTHING_YET,
@@ -259,9 +248,8 @@ def alias_text(aliases: AliasMap) -> str:
     """For each effect the ones that imitate it; what no reading shows."""
     by_effect: dict[Named, list[str]] = {}
     for imitation in aliases.imitations:
-        by_effect.setdefault(imitation.effect, []).append(
-            f"{imitation.by.id} ({imitation.by.where})"
-        )
+        by = imitation.by
+        by_effect.setdefault(imitation.effect, []).append(f"{by.id} ({by.where})")
     lines = [
         f"{len(aliases.effects)} effects and places; {len(by_effect)} of them can be imitated by "
         "another effect, offsets and zeros free, lengths within their tolerance:"
@@ -327,12 +315,10 @@ def _cube_words(workspace: Workspace) -> str:
 def posture_text(machine: Machine, posture: PostureOfTool) -> str:
     """Angles and factors at a place of the tool, then the other solutions."""
     stands = "allow" if posture.stands else "do NOT allow"
-    own_mode = posture.modes[0]
     joints = new_table("leg", "carriage from Zero, mm", "θ, °", "β, °")
-    for row in zip(
-        LEG_NAMES, own_mode.carriage_mm, posture.theta_deg, posture.beta_deg, strict=True
-    ):
-        joints.add_row(row[0], f"{row[1]:+.3f}", f"{row[2]:+.3f}", f"{row[3]:+.3f}")
+    columns = (posture.modes[0].carriage_mm, posture.theta_deg, posture.beta_deg)
+    for leg, *values in zip(LEG_NAMES, *columns, strict=True):
+        joints.add_row(leg, *(f"{value:+.3f}" for value in values))
     modes = new_table("working mode", *(f"carriage {leg}, mm" for leg in LEG_NAMES))
     for mode in posture.modes:
         signs = " ".join("+" if sign > 0 else "−" for sign in mode.signs)

@@ -54,7 +54,6 @@ if TYPE_CHECKING:  # asked for by option only, and heavy
     from app.evaluating.correction import SessionCorrection
     from app.evaluating.printer import PrinterChange
     from app.evaluating.solution import Judgement
-    from calib.identify.accuracy import Decision
     from calib.identify.monte_carlo import MonteCarlo
     from calib.tripod.workspace import PlaneMap
     from protocols.machine import Frame
@@ -78,26 +77,26 @@ def solution_text(solved: SessionSolution) -> str:
 
 def entered_parts(solved: SessionSolution) -> list[str | Table]:
     """The correction: values, the bound with them, what other exports would keep, cautions."""
-    correction = solved.correction
-    if change := solved.printer_change:
-        return [
-            f"{', '.join(solved.names)}: values to enter in the firmware, "
-            f"{FRAME_WORDS[correction.frame]}, {solved.reading_count} {taken_word(solved)}s",
-            "\n".join(doubt_lines(solved)),
-            *change_parts(solved, change),
-            bound_table(correction.frame, correction.off_now, change.off),
-            *line_parts(solved),
-            "\n".join(caveats(solved)),
-        ]
+    correction, change = solved.correction, solved.printer_change
+    now, then = correction.off_now, solved.entered.off
+    where = "firmware" if change else "controller"
+    head = (
+        f"{', '.join(solved.names)}: values to enter in the {where}, "
+        f"{FRAME_WORDS[correction.frame]}, {solved.reading_count} {taken_word(solved)}s"
+    )
+    bound, lines = bound_table(correction.frame, now, then), line_parts(solved)
+    if change:
+        doubts = "\n".join(doubt_lines(solved))
+        values = change_parts(solved, change)
+        return [head, doubts, *values, bound, *lines, "\n".join(caveats(solved))]
     return [
-        f"{', '.join(solved.names)}: values to enter in the controller, "
-        f"{FRAME_WORDS[correction.frame]}, {solved.reading_count} {taken_word(solved)}s",
+        head,
         "\n".join(warning_lines(solved, correction)),
         correction_table(correction),
-        bound_table(correction.frame, correction.off_now, correction.off),
+        bound,
         "" if solved.reads_tool else UNSEEN,
         gains_table(solved),
-        *line_parts(solved),
+        *lines,
         "\n".join([*left_out_lines(correction.left_out), *caveats(solved)]),
     ]
 
@@ -191,22 +190,16 @@ def _known_words(solved: SessionSolution) -> str:
             f"({source}). A joint offset alone is uncertain by ±{width} mm, because each bar may "
             "be off within its tolerance."
         )
-    sentence = f"{VALUE_WORDS[solution.subset]} are known to ±{width} mm"
-    if solution.subset in ("both", "with-tolerances"):
+    is_whole = solution.subset in ("both", "with-tolerances")
+    values = SUBSET_WORDS["both" if is_whole else solution.subset].capitalize()
+    sentence = f"{values} are known to ±{width} mm"
+    if is_whole:
         return f"{sentence} ({source})."
     noise = uncertain(float(solution.expanded_mm.max()))
     return (
         f"{sentence} (95 %) if the others are within their tolerances. Noise alone gives "
         f"±{noise} mm ({source})."
     )
-
-
-VALUE_WORDS = {
-    "joint-offsets": "Joint offsets",
-    "leg-lengths": "Leg lengths",
-    "both": "Joint offsets and leg lengths",
-    "with-tolerances": "Joint offsets and leg lengths",
-}
 
 
 def parameter_table(solution: Solution) -> Table:
@@ -250,10 +243,12 @@ def noise_words(solved: SessionSolution) -> str:
     correlation = f"strongest correlation {value_words}, {first} and {second}."
     if float(value_words) == 0.0:
         correlation = "no correlation to state."
+    step_mm = solved.display_found_mm
+    display = f"; display step {step_mm:g} mm, found in the values" if step_mm else ""
     return (
         f"Noise of a single {taken_word(solved)} "
         f"{uncertain(noise.standard_deviation_mm, 4)} mm{mean}, "
-        f"{_source_words(solved)}{_display_words(solved.display_found_mm)}.\n"
+        f"{_source_words(solved)}{display}.\n"
         f"Coverage factor {solution.coverage_factor:.3f}; condition number "
         f"{_condition_words(solution.condition_number)}; {correlation}"
     )
@@ -261,16 +256,9 @@ def noise_words(solved: SessionSolution) -> str:
 
 def _condition_words(condition_number: float) -> str:
     """Of what is not seen at all only rounding is left: that has no digits."""
-    return (
-        f"beyond {BLIND_CONDITION:.0e}"
-        if condition_number > BLIND_CONDITION
-        else (f"{condition_number:.1f}")
-    )
-
-
-def _display_words(step_mm: float | None) -> str:
-    """The step of the display where the values show it and nobody stated it; else nothing."""
-    return f"; display step {step_mm:g} mm, found in the values" if step_mm else ""
+    if condition_number > BLIND_CONDITION:
+        return f"beyond {BLIND_CONDITION:.0e}"
+    return f"{condition_number:.1f}"
 
 
 def _source_words(solved: SessionSolution) -> str:
@@ -288,9 +276,6 @@ def _source_words(solved: SessionSolution) -> str:
     return f"from the {gauge_word(solved)}'s stated resolution and repeatability"
 
 
-DECIDED = {"pass": "PASS", "fail": "FAIL", "undecided": "UNDECIDED"}
-
-
 def bound_sentence(
     correction: SessionCorrection | PrinterChange, frame: Frame, tolerance_mm: float | None
 ) -> str:
@@ -305,15 +290,11 @@ def bound_sentence(
 def judged_sentence(judged: Judgement, *, verified: bool) -> str:
     """The decision that heads a result: after a verification that of the machine as it is now."""
     if verified:
-        return _against(judged.tolerance_mm, judged.before)
+        return f"{judged.before.upper()}: tolerance {judged.tolerance_mm:g} mm, against the bound."
     return (
-        f"{DECIDED[judged.after]} with these values entered, {DECIDED[judged.before]} "
+        f"{judged.after.upper()} with these values entered, {judged.before.upper()} "
         f"now: tolerance {judged.tolerance_mm:g} mm for the tool, r.m.s., against the bound."
     )
-
-
-def _against(tolerance_mm: float, decision: Decision) -> str:
-    return f"{DECIDED[decision]}: tolerance {tolerance_mm:g} mm, against the bound."
 
 
 DECISION_RULE = (
@@ -341,14 +322,8 @@ def maps_text(maps: tuple[PlaneMap, ...], frame: Frame) -> str:
 def monte_carlo_text(monte_carlo: MonteCarlo) -> str:
     """Stated against true uncertainty."""
     table = new_table("parameter", "stated u, mm", "true, mm", "95 % held")
-    rows = zip(
-        monte_carlo.names,
-        monte_carlo.stated_mm,
-        monte_carlo.true_mm,
-        monte_carlo.covered,
-        strict=True,
-    )
-    for name, stated, true, covered in rows:
+    columns = (monte_carlo.stated_mm, monte_carlo.true_mm, monte_carlo.covered)
+    for name, stated, true, covered in zip(monte_carlo.names, *columns, strict=True):
         table.add_row(name, f"{stated:.4f}", f"{true:.4f}", f"{covered:.1%}")
     return (
         f"{monte_carlo.sessions} simulated sessions, {monte_carlo.failed} "
@@ -485,7 +460,7 @@ def decided(verification: Verification) -> str:
             "machine file."
         )
     return (
-        f"{DECIDED[verification.decision]}: {figure}. Tolerance: {verification.tolerance_mm:g} mm."
+        f"{verification.decision.upper()}: {figure}. Tolerance: {verification.tolerance_mm:g} mm."
     )
 
 

@@ -269,7 +269,8 @@ def so_far_text(
     rows, geometry = leg_rows(session, step), session.opened.machine.geometry()
     if step.position_mm is None:
         cycles = max(1, ((lines_there or LINES_THERE) - 1) // len(step.axes))
-        rows = [row for axis in step.axes for row in _along(axis, rows)[-cycles:]]
+        along = [[row for row in rows if row.axis == axis] for axis in step.axes]
+        rows = [row for rows_of_axis in along for row in rows_of_axis[-cycles:]]
         here = [s for s in steps if (s.leg, s.over_plane) == (step.leg, step.over_plane)]
         levels_mm = [s.displacement_mm for s in here]
         return leg_table_text(rows, levels_mm, geometry, over_plane=step.over_plane)
@@ -283,10 +284,6 @@ def so_far_text(
         lines.append(f"{position_words(places[k]):<24}{''.join(values)}")
     back = "".join(_cell(row.back_at_zero_mm, 10) for row in last_rows)
     return "\n".join([*lines, f"{'back at Zero':<24}{back}"])
-
-
-def _along(axis: str, rows: Sequence[LegRow]) -> list[LegRow]:
-    return [row for row in rows if row.axis == axis]
 
 
 def _cell(value: float | None, width: int, *, kept: bool = False) -> str:

@@ -116,7 +116,7 @@ def test_the_rule_of_the_paper_is_told_beside_with_what_decides_it() -> None:
 
 def test_condition_numbers_have_their_units() -> None:
     analysis = seen_of(Request("pose-forward"))
-    report = HexaSlideIdentifiabilityReport.of(analysis)
+    report = HexaSlideIdentifiabilityReport.of(analysis.seen, analysis)
     figures = report.condition_numbers
     assert set(figures) == {"m, rad", "mm, rad", "m, °", "scaled"}
     assert figures["m, rad"] == pytest.approx(report.condition_number)

@@ -88,7 +88,7 @@ class Attended:
         mover = self.guided.mover
         if mover is None or self.guided.closed:
             return
-        mover.alive()
+        mover.line.alive()
         try:
             self.guided.follow_proof()
         finally:

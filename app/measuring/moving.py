@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Literal
 
@@ -100,6 +101,10 @@ class MoveProposal:
         return sum(math.dist(a, b) for a, b in pairwise(places))
 
 
+Goal = Step | Literal["Zero", "proof"]
+"""Where a way ends: at a step, at Zero to wait there, or at an end of a move that proves."""
+
+
 class Mover:
     """Moves the machine to steps within the operator's consent, and knows whether it is there.
 
@@ -135,11 +140,6 @@ class Mover:
         self._places: tuple[Triple, ...] = ()
         self._from_mm: Triple | None = None
         line.listener = lambda: self.on_news()
-
-    @property
-    def facts(self) -> tuple[str, ...]:
-        """What the controller reports of being ready."""
-        return self.line.facts
 
     @property
     def state(self) -> State:
@@ -237,7 +237,7 @@ class Mover:
             self._step, self._by_hand = step, by_hand_first
             covered = not by_hand_first and self._place == step.place
             if self.line.state is State.CONSENTED and covered:
-                self._send(self._way_to(step), to_zero=False)
+                self._send(self._way_to(step), step)
             else:
                 self.release()
         self.on_news()
@@ -257,7 +257,8 @@ class Mover:
                 self.on_set_up(proposal.step)
             self._place = None if proposal.to_zero else proposal.step.place
             if proposal.places_mm:
-                self._send(list(proposal.places_mm), to_zero=proposal.to_zero)
+                goal: Goal = "Zero" if proposal.to_zero else proposal.step
+                self._send(proposal.places_mm, goal)
         self.on_news()
         return True
 
@@ -267,7 +268,7 @@ class Mover:
             return False
         self._place = None
         self.proof.begin(move, shown_mm)
-        self._send_proof(move.to_mm)
+        self._send([move.to_mm], "proof")
         return True
 
     def watch(self) -> list[str]:
@@ -297,7 +298,7 @@ class Mover:
                 proof.finish(self.line.facts)
                 self.release()
             elif proof.there(shown_mm):
-                self._send_proof(move.from_mm)
+                self._send([move.from_mm], "proof")
             else:
                 self.release()
             self.on_news()
@@ -340,14 +341,6 @@ class Mover:
         homed.add_done_callback(lambda _: self.release())
         return homed
 
-    def confirm_homed(self) -> None:
-        """The operator's word that it was homed since it was switched on."""
-        self.line.homing_confirmed = True
-
-    def alive(self) -> None:
-        """The face of the program runs."""
-        self.line.alive()
-
     def there(self, step: Step) -> Moved:
         """What the record holds of the machine's being at a step. Raises MotionError."""
         with self._lock:
@@ -366,10 +359,6 @@ class Mover:
             feed_mm_min=self._feed,
         )
 
-    def close(self) -> None:
-        """Stop and let go of the controller."""
-        self.line.close()
-
     def _way_to(self, step: Step) -> list[Triple]:
         here = self._at if self._at is not None and self._at.place == step.place else None
         if here == step:  # once more: approached anew
@@ -381,38 +370,25 @@ class Mover:
             ]
         return way_mm(step, here, self._procedure, self._machine)
 
-    def _send(self, places: list[Triple], *, to_zero: bool) -> None:
+    def _send(self, places: Sequence[Triple], goal: Goal) -> None:
         began = self._places[-1] if self._at is not None else self.line.place_mm
         self._from_mm = places[-2] if len(places) > 1 else began
         self._at, self._zero, self._places = None, False, tuple(places)
-        self._way = way = self.line.go(places, self._feed)
-        step = self._step
-        way.add_done_callback(lambda motion: self._arrived(motion, None if to_zero else step))
+        feed = min(FEED_MM_MIN, self._feed) if goal == "proof" else self._feed
+        self._way = self.line.go(list(places), feed)
+        self._way.add_done_callback(partial(self._arrived, goal))
 
-    def _send_proof(self, to_mm: Triple) -> None:
-        self._at, self._zero, self._places = None, False, (to_mm,)
-        self._way = self.line.go([to_mm], min(FEED_MM_MIN, self._feed))
-        self._way.add_done_callback(self._proof_arrived)
-
-    def _proof_arrived(self, motion: Future[Triple]) -> None:
+    def _arrived(self, goal: Goal, motion: Future[Triple]) -> None:
+        """In the thread of the controller: at a goal, or nowhere."""
         with self._lock:
             if motion is not self._way:
                 return
             self._way, self._arrived_s = None, time.monotonic()
             if motion.exception() is None:
                 self.on_arrival()
-        self.on_news()
-
-    def _arrived(self, motion: Future[Triple], step: Step | None) -> None:
-        """In the thread of the controller: at a step, or at Zero, or nowhere."""
-        with self._lock:
-            if motion is not self._way:
-                return
-            self._way = None
-            if motion.exception() is None:
-                self.on_arrival()
-                self._at, self._zero = step, step is None
-                if step is None:
+                self._at = goal if isinstance(goal, Step) else None
+                self._zero = goal == "Zero"
+                if self._zero:
                     if self.proof is not None:
                         self.proof.stands = False
                     self.release()

@@ -58,7 +58,7 @@ class Indicators:
     def close(self) -> None:
         """Let go of a controller, close every port, then switch a simulated machine off."""
         if self.mover is not None:
-            self.mover.close()
+            self.mover.line.close()
         for gauge in self.gauges:
             gauge.close()
         self.close_bench()

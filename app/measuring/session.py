@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.measuring.doubts import Circumstances, Doubt, TakenStep, examined, plausible
+from app.measuring.doubts import Doubt, TakenStep, examined, plausible
 from app.measuring.gauges import Gauge, Motion
 from app.measuring.moving import Mover
 from calib.errors import MotionError, UsageError
@@ -212,14 +212,14 @@ class GuidedSession:
         # a step cut off between its two readings is measured again as a whole
         leftovers = self._superseded((step.number,), "step was interrupted")
         events: list[Event] = [*mounted, *leftovers, *readings]
-        around = Circumstances(
+        step_taken, remarks = examined(
+            TakenStep(step, readings, (), due),
+            [*self._journal.events, *events],
             self.session,
             self.gauges,
             simulated=self._go is not None,
             controlled=self.mover is not None,
         )
-        record = [*self._journal.events, *events]
-        step_taken, remarks = examined(TakenStep(step, readings, (), due), record, around)
         self._append([*events, *remarks])
         for gauge in self.gauges:
             gauge.forget_travel()

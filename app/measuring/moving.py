@@ -12,12 +12,14 @@ from functools import partial
 from itertools import pairwise
 from typing import Literal
 
+from app.measuring.gauges import Gauge, Motion
 from app.measuring.proof import FEED_MM_MIN, Proof, ProofMove
 from calib.errors import MotionError, UsageError
 from drivers.motion import controller_of
 from drivers.motion.controller import Limits, Triple
 from drivers.motion.line import STRICT, MotionLine, Patience
 from drivers.motion.states import LOOKED_AT, State
+from drivers.profile import IndicatorReading
 from protocols.machine import Instrument, Machine, MotionLimits
 from protocols.motion import all_ways, box_mm, came_from, moves_mm, way_mm, zero_mm
 from protocols.procedure import Procedure, Step
@@ -110,23 +112,24 @@ class Mover:
 
     A consent covers the steps of one set-up, or the way to Zero before the next one; it ends with
     them, with every stop, and with `release`. ``on_news`` is called in whichever thread the news
-    come. After a stop the next way begins anew, from the side from which the procedure comes.
-    ``on_arrival`` is called before the machine counts as there: what the indicators showed on the
-    way is no rest. While a ``proof`` is needed only its moves are proposed; None: there is nothing
-    to prove. ``shown_mm`` gives what the indicators of the step show, at rest where that is wished;
-    None without a reading of each.
+    come. After a stop the next way begins anew, from the side from which the procedure comes. The
+    ``gauges`` are all of the session. While a ``proof`` is needed only its moves are proposed;
+    None: there is nothing to prove.
     """
 
     def __init__(
-        self, line: MotionLine, procedure: Procedure, machine: Machine, axes: Sequence[str]
+        self,
+        line: MotionLine,
+        procedure: Procedure,
+        machine: Machine,
+        axes: Sequence[str],
+        gauges: Sequence[Gauge],
     ) -> None:
-        self.line = line
+        self.line, self._gauges = line, gauges
         self.on_news: Callable[[], None] = lambda: None
-        self.on_arrival: Callable[[], None] = lambda: None
         self.on_set_up: Callable[[Step], None] = lambda _: None  # a simulated machine has no hands
         self.proof: Proof | None = None
         self._arrived_s = 0.0
-        self.shown_mm: Callable[[bool], tuple[float, ...] | None] = lambda _: None
         self._procedure, self._machine = procedure, machine
         self._steps = procedure.steps(machine.geometry(), axes)
         self._feed = feed_mm_min(machine)
@@ -263,7 +266,7 @@ class Mover:
         return True
 
     def _begin_proof(self, move: ProofMove) -> bool:
-        shown_mm = self.shown_mm(True)
+        shown_mm = self._shown_mm(move, at_rest=True)
         if self.proof is None or shown_mm is None or not self.line.consent():
             return False
         self._place = None
@@ -289,10 +292,10 @@ class Mover:
         if self.line.state not in (State.MOVING, State.CONSENTED):
             proof.drop()  # stopped: it begins anew, from where it is then
         elif self._way is not None:
-            shown_mm = self.shown_mm(False)
+            shown_mm = self._shown_mm(move, at_rest=False)
             if shown_mm is not None and proof.beyond(shown_mm):
                 self.stop(f"not proved. {proof.wrong}")
-        elif (shown_mm := self.shown_mm(True)) is not None:
+        elif (shown_mm := self._shown_mm(move, at_rest=True)) is not None:
             if self._places[-1] != move.to_mm:
                 proof.back(shown_mm)
                 proof.finish(self.line.facts)
@@ -304,6 +307,15 @@ class Mover:
             self.on_news()
         elif time.monotonic() - self._arrived_s > REST_S:
             self.release()
+
+    def _shown_mm(self, move: ProofMove, *, at_rest: bool) -> tuple[float, ...] | None:
+        """What the indicators of a move show; None without a reading of each, at rest if wished."""
+        states = [self._gauges[number].live() for number in move.step.indicators]
+        if at_rest and any(live.motion is not Motion.STABLE for live in states):
+            return None
+        outcomes = [live.outcome for live in states]
+        values = tuple(o.value_mm for o in outcomes if isinstance(o, IndicatorReading))
+        return values if outcomes and len(values) == len(outcomes) else None
 
     def answer_proof(self, *, yes: bool) -> list[str]:
         """What the operator saw of a carriage; returns what is to be noted in the record."""
@@ -385,7 +397,8 @@ class Mover:
                 return
             self._way, self._arrived_s = None, time.monotonic()
             if motion.exception() is None:
-                self.on_arrival()
+                for gauge in self._gauges:  # what they showed on the way is no rest
+                    gauge.restart_window()
                 self._at = goal if isinstance(goal, Step) else None
                 self._zero = goal == "Zero"
                 if self._zero:
@@ -407,6 +420,7 @@ def open_mover(
     procedure: Procedure,
     machine: Machine,
     instruments: Sequence[Instrument],
+    gauges: Sequence[Gauge],
     patience: Patience = STRICT,
     proves: Proves = "never",
 ) -> Mover:
@@ -418,7 +432,7 @@ def open_mover(
     ways_of(procedure, machine, axes)
     limits = limits_of(machine)
     line = MotionLine(controller_of(controller, limits), patience)
-    mover = Mover(line, procedure, machine, axes)
+    mover = Mover(line, procedure, machine, axes, gauges)
     line.start()
     if proves != "never":
         mover.proof = Proof(machine, limits, instruments, controller, anew=proves == "anew")

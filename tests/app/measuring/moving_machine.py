@@ -183,7 +183,7 @@ def moving_session(
             gauges.append(gauge)
         controller = controller_of(twin.told, limits_of(machine))
         controller.answer_s = 2.0
-        mover = Mover(MotionLine(controller, BUSY), procedure, machine, ("xyz", "xyz"))
+        mover = Mover(MotionLine(controller, BUSY), procedure, machine, ("xyz", "xyz"), gauges)
         mover.line.start()
         mover.line.homing_confirmed = True
         is_continued = path.exists()
@@ -195,7 +195,9 @@ def moving_session(
 def remember_proved(plan: Plan) -> None:
     """The machine of a plan behind its controller counts as proved from now on."""
     assert plan.motion is not None
-    mover = open_mover(plan.motion, plan.procedure, plan.machine, plan.instruments, BUSY, "once")
+    mover = open_mover(
+        plan.motion, plan.procedure, plan.machine, plan.instruments, (), BUSY, "once"
+    )
     assert mover.proof is not None
     mover.proof.remember(mover.line.facts)
     mover.line.close()

@@ -348,7 +348,7 @@ def _confirm_homed(mover: Mover) -> None:
             raise typer.Exit(Exit.INTERRUPTED)
         home(mover, say)
     else:
-        mover.confirm_homed()
+        line.homing_confirmed = True
 
 
 def _forget_typed() -> None:
@@ -384,7 +384,7 @@ def _ask(plan: Plan, indicators: Indicators) -> None:
     from app.report.text.motion import QUESTION, plan_text
 
     if indicators.mover is not None:
-        typer.echo(plan_text(plan, indicators.mover.facts), err=True)
+        typer.echo(plan_text(plan, indicators.mover.line.facts), err=True)
         if not _confirm(QUESTION):
             raise typer.Exit(Exit.INTERRUPTED)
         _confirm_homed(indicators.mover)

@@ -223,11 +223,11 @@ def _ask_all(taking: PostureTaking, line: IndicatorLine | None, say: Say) -> Non
                 value = repr(typed) if typed else "an empty line"
                 say(wrapped(f"{UsageError('answer', value, ANSWERS)}"))
             continue
-        task = taking.task
-        if task is None:
+        number = taking.session.next_posture
+        if number is None:
             break
-        say(task_text(task))
-        typed = _prompt(prompt_text(task, indicated=line is not None))
+        say(task_text(taking.asked, number, is_first=not taking.session.readings))
+        typed = _prompt(prompt_text(taking.asked, indicated=line is not None))
         try:
             if not _answer(taking, typed):
                 value, text = (typed, "") if typed or line is None else _indicated(line)

@@ -88,7 +88,7 @@ class Attended:
         mover = self.guided.mover
         if mover is None or self.guided.closed:
             return
-        mover.alive()
+        mover.line.alive()
         try:
             self.guided.follow_proof()
         finally:
@@ -128,10 +128,6 @@ class Attended:
         moving = (Motion.MOVING, Motion.WAITING)
         return all(live.motion not in moving for live in self._of_step(self.live()))
 
-    def lacks_value(self) -> bool:
-        """Whether an indicator of the step is in fault."""
-        return any(live.motion is Motion.FAULT for live in self._of_step(self.live()))
-
     def press(self, *, busy: bool) -> Press:
         """The key that takes was pressed, twice for readings that still move."""
         now, mover, step = time.monotonic(), self.guided.mover, self.guided.step()
@@ -146,7 +142,7 @@ class Attended:
             return Press.NOT_THERE
         if now < self._anyway_until or self.ready_by_hand():
             return Press.TAKES
-        lacks_value = self.lacks_value()
+        lacks_value = any(live.motion is Motion.FAULT for live in self._of_step(self.live()))
         self._anyway_until = 0.0 if lacks_value else now + ANYWAY_S
         return Press.LACKS_VALUE if lacks_value else Press.MOVES
 

@@ -86,38 +86,34 @@ def plausible(outcome: Outcome, axis: str, resolution_before_mm: float | None) -
     return Fault(FaultKind.WRONG_UNIT, outcome.text, words)
 
 
-@dataclass(frozen=True)
-class Circumstances:
-    """What is known beside the readings of a step.
-
-    ``before`` is the session without them, ``gauges`` are all of it. A machine that is
-    ``simulated`` is where it was sent; of one that is ``controlled`` its controller says so.
-    """
-
-    before: Session
-    gauges: Sequence[Gauge]
-    simulated: bool
-    controlled: bool
-
-
 def examined(
-    step_taken: TakenStep, record: Sequence[Event], around: Circumstances
+    step_taken: TakenStep,
+    record: Sequence[Event],
+    before: Session,
+    gauges: Sequence[Gauge],
+    *,
+    simulated: bool,
+    controlled: bool,
 ) -> tuple[TakenStep, list[Line]]:
     """The readings with what is doubtful about them, and what to note behind them.
 
-    ``record`` ends with the readings of the step.
+    ``record`` ends with the readings of the step, ``before`` is the session without them. A
+    ``simulated`` machine is where it was sent; of a ``controlled`` one its controller says so.
     """
-    doubt, remarks = (None, []) if around.simulated else _movement_doubt(step_taken, around)
+    doubt: Doubt | None = None
+    remarks: list[Line] = []
+    if not simulated:
+        doubt, remarks = _movement_doubt(step_taken, before, gauges, controlled=controlled)
     if doubt:
         step_taken = replace(step_taken, doubt=doubt)
         if doubt is Doubt.UNCHANGED and (
             step := step_taken.due[0].before.step
         ):  # or it was here early
-            earlier = tuple(r for r in around.before.readings if r.step == step)
+            earlier = tuple(r for r in before.readings if r.step == step)
             step_taken = replace(step_taken, earlier=earlier)
     elif step_taken.due:
         step_taken = _compared(step_taken, record)
-    elif not around.simulated and (last := _unmoved_stand(step_taken, around)):
+    elif not simulated and (last := _unmoved_stand(step_taken, before, gauges)):
         step_taken = replace(step_taken, doubt=Doubt.STAND, earlier=last)
     if not step_taken.doubt:
         return step_taken, remarks
@@ -127,20 +123,20 @@ def examined(
 
 
 def _movement_doubt(
-    step_taken: TakenStep, around: Circumstances
+    step_taken: TakenStep, before: Session, gauges: Sequence[Gauge], *, controlled: bool
 ) -> tuple[Doubt | None, list[Line]]:
     """Whether it is doubtful that the machine moved, and what to note where nothing tells."""
     step, due = step_taken.step, step_taken.due
     if not due:
         return None, []
     time_s = step_taken.readings[0].time_s or 0.0
-    rests_mm = [around.gauges[number].rest_mm for number in step.indicators]
+    rests_mm = [gauges[number].rest_mm for number in step.indicators]
     moved = movement(step, due, [r.value_mm for r in step_taken.readings], rests_mm, time_s)
     if moved is Movement.UNCHANGED:
         return Doubt.UNCHANGED, []
-    if moved is not Movement.UNKNOWN or around.controlled:
+    if moved is not Movement.UNKNOWN or controlled:
         return None, []
-    if time_s < _arrival_s(step, due[0].before, around.before):
+    if time_s < _arrival_s(step, due[0].before, before):
         return Doubt.TOO_SOON, []
     word = f"step {step.number}: no reading can show a move here; the operator's word"
     return None, [Noted(text=word)]
@@ -155,12 +151,14 @@ def _arrival_s(step: Step, before: Reading, session: Session) -> float:
     return (before.time_s or 0.0) + way_mm / fastest_mm_s
 
 
-def _unmoved_stand(step_taken: TakenStep, around: Circumstances) -> tuple[Reading, ...]:
+def _unmoved_stand(
+    step_taken: TakenStep, before: Session, gauges: Sequence[Gauge]
+) -> tuple[Reading, ...]:
     """The last readings of the set-up before, where the first of a new one are the same.
 
     None where a spindle went far since: then somebody set it up, to the same zero.
     """
-    counting, step = around.before.readings, step_taken.step
+    counting, step = before.readings, step_taken.step
     elsewhere = [
         r for r in counting if r.set_up != step_taken.readings[0].set_up and r.step is not None
     ]
@@ -168,11 +166,11 @@ def _unmoved_stand(step_taken: TakenStep, around: Circumstances) -> tuple[Readin
     if not elsewhere:
         return ()
     last = tuple(r for r in elsewhere if r.step == elsewhere[-1].step)
-    before = around.before.steps()[(last[0].step or 1) - 1]
-    shown_mm = dict(zip(before.indicators, (r.value_mm for r in last), strict=False))
-    stayed = counting[-1].step == before.number
+    step_before = before.steps()[(last[0].step or 1) - 1]
+    shown_mm = dict(zip(step_before.indicators, (r.value_mm for r in last), strict=False))
+    stayed = counting[-1].step == step_before.number
     for number, reading in zip(step.indicators, step_taken.readings, strict=True):
-        gauge = around.gauges[number]
+        gauge = gauges[number]
         apart_mm = abs(reading.value_mm - shown_mm.get(number, math.inf))
         handled = stayed and gauge.travel_mm > HANDLED_MM
         if handled or apart_mm > gauge.rest_mm + UNMOVED_MM:

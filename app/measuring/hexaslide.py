@@ -25,13 +25,11 @@ from protocols.hexaslide import HexaSlideMachine
 from protocols.hexaslide_session import (
     POSTURE_FORM,
     PostureCommands,
-    PostureMmDeg,
     PostureProcedure,
     PostureReading,
     PostureSession,
     PosturesOpened,
     SimulatedPostures,
-    SixMm,
     commands,
     fold_postures,
     typed_values,
@@ -77,22 +75,6 @@ class PosturePlan:
                 "glidecal postures finds them.",
             )
         return commands(self.machine, self.procedure)
-
-
-@dataclass(frozen=True)
-class PostureTask:
-    """What the operator does next: posture ``number`` of ``count``, the sliders for it, where the
-    platform then is, and what is typed. ``is_first``: nothing was read before.
-    """
-
-    number: int
-    count: int
-    is_first: bool
-    sliders_mm: SixMm
-    posture: PostureMmDeg
-    attach: str
-    reads_sliders: bool
-    measured: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -162,37 +144,19 @@ class PostureTaking:
         """What was measured up to now."""
         return replace(fold_postures(self._journal.events), name=self._journal.path.name)
 
-    @property
-    def task(self) -> PostureTask | None:
-        """The next posture, None: all are measured or left out."""
-        number = self.session.next_posture
-        if number is None:
-            return None
-        procedure = self.asked.procedure
-        return PostureTask(
-            number,
-            len(procedure.postures),
-            not self.session.readings,
-            self.asked.of(number),
-            procedure.postures[number - 1],
-            procedure.attach,
-            procedure.whole().has_rigid_link,
-            procedure.whole().measured,
-        )
-
     def take(self, typed: str, text: str = "") -> PostureReading:
         """What was read in the next posture: on the disk, then examined; see `doubt`.
 
         ``text`` is what a device gave instead of what was typed. Raises UsageError for what is not
         so many numbers, RecordError where the disk refuses.
         """
-        task = self.task
-        assert task is not None, "a posture is left"
+        number = self.session.next_posture
+        assert number is not None, "a posture is left"
         sliders, values = typed_values(typed, self.asked.procedure.whole())
         reading = PostureReading(
             reading=len(self.session.all_readings) + 1,
-            posture=task.number,
-            sliders_mm=sliders or task.sliders_mm,
+            posture=number,
+            sliders_mm=sliders or self.asked.of(number),
             values=values,
             text=text or typed.strip(),
         )
@@ -216,9 +180,9 @@ class PostureTaking:
 
     def skip(self, reason: str) -> None:
         """Leave out the next posture."""
-        task = self.task
-        assert task is not None, "a posture is left"
-        self._journal.append(Skipped(steps=(task.number,), reason=reason))
+        number = self.session.next_posture
+        assert number is not None, "a posture is left"
+        self._journal.append(Skipped(steps=(number,), reason=reason))
 
     def finish(self) -> None:
         """Close the record: every posture is measured or left out."""
@@ -269,10 +233,10 @@ def measure_simulated(taking: PostureTaking, seed: int, say: Callable[[str], Non
     """Every posture that is left, by a simulated operator who takes a doubtful one again."""
     opened = taking.session.opened
     machine = SimulatedPostures(opened.machine, taking.asked, seed, opened.truth)
-    while (task := taking.task) is not None:
+    while (number := taking.session.next_posture) is not None:
         readings = taking.session.all_readings
-        attempt = sum(reading.posture == task.number for reading in readings)
-        reading = taking.take(machine.typed(task.number, attempt))
+        attempt = sum(reading.posture == number for reading in readings)
+        reading = taking.take(machine.typed(number, attempt))
         say(f"reading {reading.reading}: posture {reading.posture}: {reading.text}")
         if taking.doubt is not None:
             taking.take_again() if attempt == 0 else taking.keep()

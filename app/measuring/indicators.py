@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError
 
 from app.settings import data_path
 from calib.errors import GlidecalError, RecordError, UsageError
-from drivers.port import check_port
+from drivers.port import check_port, ports_here
 from drivers.profile import Profile, Query, Unit
 from drivers.profiles import profile_named
 from drivers.profiles.ascii_line import ASCII_LINE, ascii_line
@@ -106,8 +106,6 @@ def port_is_gone(port: str) -> bool:
 
 def serial_ports() -> list[tuple[str, str]]:
     """The serial ports of this computer and what the system says of each; nothing is opened."""
-    from drivers.port import ports_here
-
     return [
         (port.device, "" if port.description in (None, NO_WORDS) else port.description)
         for port in ports_here()
@@ -120,8 +118,6 @@ def adapters() -> dict[str, str]:
     An adapter with several ports has its number once: the interface behind it tells them apart.
     A number that two adapters have, as cheap ones do, names neither. Nothing is opened.
     """
-    from drivers.port import ports_here
-
     numbers: dict[str, str] = {}
     for port in ports_here():
         if port.serial_number:

@@ -8,15 +8,18 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Literal
 
+from app.measuring.gauges import Gauge, Motion
 from app.measuring.proof import FEED_MM_MIN, Proof, ProofMove
 from calib.errors import MotionError, UsageError
 from drivers.motion import controller_of
 from drivers.motion.controller import Limits, Triple
 from drivers.motion.line import STRICT, MotionLine, Patience
 from drivers.motion.states import LOOKED_AT, State
+from drivers.profile import IndicatorReading
 from protocols.machine import Instrument, Machine, MotionLimits
 from protocols.motion import all_ways, box_mm, came_from, moves_mm, way_mm, zero_mm
 from protocols.procedure import Procedure, Step
@@ -100,28 +103,33 @@ class MoveProposal:
         return sum(math.dist(a, b) for a, b in pairwise(places))
 
 
+Goal = Step | Literal["Zero", "proof"]
+"""Where a way ends: at a step, at Zero to wait there, or at an end of a move that proves."""
+
+
 class Mover:
     """Moves the machine to steps within the operator's consent, and knows whether it is there.
 
     A consent covers the steps of one set-up, or the way to Zero before the next one; it ends with
     them, with every stop, and with `release`. ``on_news`` is called in whichever thread the news
-    come. After a stop the next way begins anew, from the side from which the procedure comes.
-    ``on_arrival`` is called before the machine counts as there: what the indicators showed on the
-    way is no rest. While a ``proof`` is needed only its moves are proposed; None: there is nothing
-    to prove. ``shown_mm`` gives what the indicators of the step show, at rest where that is wished;
-    None without a reading of each.
+    come. After a stop the next way begins anew, from the side from which the procedure comes. The
+    ``gauges`` are all of the session. While a ``proof`` is needed only its moves are proposed;
+    None: there is nothing to prove.
     """
 
     def __init__(
-        self, line: MotionLine, procedure: Procedure, machine: Machine, axes: Sequence[str]
+        self,
+        line: MotionLine,
+        procedure: Procedure,
+        machine: Machine,
+        axes: Sequence[str],
+        gauges: Sequence[Gauge],
     ) -> None:
-        self.line = line
+        self.line, self._gauges = line, gauges
         self.on_news: Callable[[], None] = lambda: None
-        self.on_arrival: Callable[[], None] = lambda: None
         self.on_set_up: Callable[[Step], None] = lambda _: None  # a simulated machine has no hands
         self.proof: Proof | None = None
         self._arrived_s = 0.0
-        self.shown_mm: Callable[[bool], tuple[float, ...] | None] = lambda _: None
         self._procedure, self._machine = procedure, machine
         self._steps = procedure.steps(machine.geometry(), axes)
         self._feed = feed_mm_min(machine)
@@ -135,11 +143,6 @@ class Mover:
         self._places: tuple[Triple, ...] = ()
         self._from_mm: Triple | None = None
         line.listener = lambda: self.on_news()
-
-    @property
-    def facts(self) -> tuple[str, ...]:
-        """What the controller reports of being ready."""
-        return self.line.facts
 
     @property
     def state(self) -> State:
@@ -237,7 +240,7 @@ class Mover:
             self._step, self._by_hand = step, by_hand_first
             covered = not by_hand_first and self._place == step.place
             if self.line.state is State.CONSENTED and covered:
-                self._send(self._way_to(step), to_zero=False)
+                self._send(self._way_to(step), step)
             else:
                 self.release()
         self.on_news()
@@ -257,17 +260,18 @@ class Mover:
                 self.on_set_up(proposal.step)
             self._place = None if proposal.to_zero else proposal.step.place
             if proposal.places_mm:
-                self._send(list(proposal.places_mm), to_zero=proposal.to_zero)
+                goal: Goal = "Zero" if proposal.to_zero else proposal.step
+                self._send(proposal.places_mm, goal)
         self.on_news()
         return True
 
     def _begin_proof(self, move: ProofMove) -> bool:
-        shown_mm = self.shown_mm(True)
+        shown_mm = self._shown_mm(move, at_rest=True)
         if self.proof is None or shown_mm is None or not self.line.consent():
             return False
         self._place = None
         self.proof.begin(move, shown_mm)
-        self._send_proof(move.to_mm)
+        self._send([move.to_mm], "proof")
         return True
 
     def watch(self) -> list[str]:
@@ -288,21 +292,30 @@ class Mover:
         if self.line.state not in (State.MOVING, State.CONSENTED):
             proof.drop()  # stopped: it begins anew, from where it is then
         elif self._way is not None:
-            shown_mm = self.shown_mm(False)
+            shown_mm = self._shown_mm(move, at_rest=False)
             if shown_mm is not None and proof.beyond(shown_mm):
                 self.stop(f"not proved. {proof.wrong}")
-        elif (shown_mm := self.shown_mm(True)) is not None:
+        elif (shown_mm := self._shown_mm(move, at_rest=True)) is not None:
             if self._places[-1] != move.to_mm:
                 proof.back(shown_mm)
                 proof.finish(self.line.facts)
                 self.release()
             elif proof.there(shown_mm):
-                self._send_proof(move.from_mm)
+                self._send([move.from_mm], "proof")
             else:
                 self.release()
             self.on_news()
         elif time.monotonic() - self._arrived_s > REST_S:
             self.release()
+
+    def _shown_mm(self, move: ProofMove, *, at_rest: bool) -> tuple[float, ...] | None:
+        """What the indicators of a move show; None without a reading of each, at rest if wished."""
+        states = [self._gauges[number].live() for number in move.step.indicators]
+        if at_rest and any(live.motion is not Motion.STABLE for live in states):
+            return None
+        outcomes = [live.outcome for live in states]
+        values = tuple(o.value_mm for o in outcomes if isinstance(o, IndicatorReading))
+        return values if outcomes and len(values) == len(outcomes) else None
 
     def answer_proof(self, *, yes: bool) -> list[str]:
         """What the operator saw of a carriage; returns what is to be noted in the record."""
@@ -340,14 +353,6 @@ class Mover:
         homed.add_done_callback(lambda _: self.release())
         return homed
 
-    def confirm_homed(self) -> None:
-        """The operator's word that it was homed since it was switched on."""
-        self.line.homing_confirmed = True
-
-    def alive(self) -> None:
-        """The face of the program runs."""
-        self.line.alive()
-
     def there(self, step: Step) -> Moved:
         """What the record holds of the machine's being at a step. Raises MotionError."""
         with self._lock:
@@ -366,10 +371,6 @@ class Mover:
             feed_mm_min=self._feed,
         )
 
-    def close(self) -> None:
-        """Stop and let go of the controller."""
-        self.line.close()
-
     def _way_to(self, step: Step) -> list[Triple]:
         here = self._at if self._at is not None and self._at.place == step.place else None
         if here == step:  # once more: approached anew
@@ -381,38 +382,26 @@ class Mover:
             ]
         return way_mm(step, here, self._procedure, self._machine)
 
-    def _send(self, places: list[Triple], *, to_zero: bool) -> None:
+    def _send(self, places: Sequence[Triple], goal: Goal) -> None:
         began = self._places[-1] if self._at is not None else self.line.place_mm
         self._from_mm = places[-2] if len(places) > 1 else began
         self._at, self._zero, self._places = None, False, tuple(places)
-        self._way = way = self.line.go(places, self._feed)
-        step = self._step
-        way.add_done_callback(lambda motion: self._arrived(motion, None if to_zero else step))
+        feed = min(FEED_MM_MIN, self._feed) if goal == "proof" else self._feed
+        self._way = self.line.go(list(places), feed)
+        self._way.add_done_callback(partial(self._arrived, goal))
 
-    def _send_proof(self, to_mm: Triple) -> None:
-        self._at, self._zero, self._places = None, False, (to_mm,)
-        self._way = self.line.go([to_mm], min(FEED_MM_MIN, self._feed))
-        self._way.add_done_callback(self._proof_arrived)
-
-    def _proof_arrived(self, motion: Future[Triple]) -> None:
+    def _arrived(self, goal: Goal, motion: Future[Triple]) -> None:
+        """In the thread of the controller: at a goal, or nowhere."""
         with self._lock:
             if motion is not self._way:
                 return
             self._way, self._arrived_s = None, time.monotonic()
             if motion.exception() is None:
-                self.on_arrival()
-        self.on_news()
-
-    def _arrived(self, motion: Future[Triple], step: Step | None) -> None:
-        """In the thread of the controller: at a step, or at Zero, or nowhere."""
-        with self._lock:
-            if motion is not self._way:
-                return
-            self._way = None
-            if motion.exception() is None:
-                self.on_arrival()
-                self._at, self._zero = step, step is None
-                if step is None:
+                for gauge in self._gauges:  # what they showed on the way is no rest
+                    gauge.restart_window()
+                self._at = goal if isinstance(goal, Step) else None
+                self._zero = goal == "Zero"
+                if self._zero:
                     if self.proof is not None:
                         self.proof.stands = False
                     self.release()
@@ -431,6 +420,7 @@ def open_mover(
     procedure: Procedure,
     machine: Machine,
     instruments: Sequence[Instrument],
+    gauges: Sequence[Gauge],
     patience: Patience = STRICT,
     proves: Proves = "never",
 ) -> Mover:
@@ -442,7 +432,7 @@ def open_mover(
     ways_of(procedure, machine, axes)
     limits = limits_of(machine)
     line = MotionLine(controller_of(controller, limits), patience)
-    mover = Mover(line, procedure, machine, axes)
+    mover = Mover(line, procedure, machine, axes, gauges)
     line.start()
     if proves != "never":
         mover.proof = Proof(machine, limits, instruments, controller, anew=proves == "anew")

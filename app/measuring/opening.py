@@ -69,7 +69,7 @@ def open_indicators(plan: Plan) -> Indicators:
             patience = HURRIED if hurried else STRICT
             proves: Proves = "never" if plan.simulated else "anew" if plan.prove else "once"
             wanted_set_up = plan.procedure, plan.machine, plan.instruments
-            mover = open_mover(address, *wanted_set_up, patience, proves)
+            mover = open_mover(address, *wanted_set_up, gauges, patience, proves)
         undo.pop_all()
     if isinstance(bench, SimulatedBench):
         return Indicators(gauges, bench.go, bench.close, bench.turn)

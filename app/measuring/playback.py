@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from functools import partial
@@ -64,12 +64,10 @@ def frames_of(events: Sequence[Event]) -> tuple[Frame, ...]:
     ``time_s`` of the readings, or EVEN_S apart where these tell nothing.
     """
     groups = _groups(events)
-    when = _clock(groups)
     last_s: float | None = None
     frames: list[Frame] = []
     time_s, end = 0.0, 0
-    for group in groups:
-        at_s = when(group)
+    for group, at_s in zip(groups, _times_s(groups), strict=True):
         if frames:
             time_s += _play_gap_s(group, at_s, last_s)
         last_s = at_s if at_s is not None else last_s
@@ -100,32 +98,26 @@ def _together(group: Sequence[Event], event: Event) -> bool:
     )
 
 
-def _clock(groups: Sequence[Sequence[Event]]) -> Callable[[Sequence[Event]], float | None]:
-    """How to tell the time of a group in seconds; None where it has none of its own."""
+def _times_s(groups: Sequence[Sequence[Event]]) -> Sequence[float | None]:
+    """The time of each group in seconds; None where it has none of its own."""
     opened = groups[0][0]
-
-    def recorded_s(group: Sequence[Event]) -> float | None:
-        return (group[-1].at - opened.at).total_seconds()
-
-    def stated_s(group: Sequence[Event]) -> float | None:
-        last = group[-1]
-        return last.time_s if isinstance(last, Reading) else None
-
+    recorded_s = [(group[-1].at - opened.at).total_seconds() for group in groups]
+    stated_s = [last.time_s if isinstance(last := g[-1], Reading) else None for g in groups]
     measured = isinstance(opened, Opened) and opened.origin == "measured"
     if measured or _apart(groups, recorded_s):
         return recorded_s
-    return stated_s if _apart(groups, stated_s) else lambda _: None
+    return stated_s if _apart(groups, stated_s) else [None] * len(groups)
 
 
-def _apart(
-    groups: Sequence[Sequence[Event]], when: Callable[[Sequence[Event]], float | None]
-) -> bool:
+def _apart(groups: Sequence[Sequence[Event]], times_s: Sequence[float | None]) -> bool:
     """Whether the readings are as far apart in time as a person measures; all need a time."""
-    times = [when(group) for group in groups if isinstance(group[0], Reading)]
-    times_known = [time_s for time_s in times if time_s is not None]
-    if len(times_known) < max(len(times), 2):
+    of_readings = [
+        t for group, t in zip(groups, times_s, strict=True) if isinstance(group[0], Reading)
+    ]
+    known_s = [time_s for time_s in of_readings if time_s is not None]
+    if len(known_s) < max(len(of_readings), 2):
         return False
-    return (times_known[-1] - times_known[0]) / (len(times_known) - 1) >= AT_ONCE_S
+    return (known_s[-1] - known_s[0]) / (len(known_s) - 1) >= AT_ONCE_S
 
 
 def _play_gap_s(group: Sequence[Event], at_s: float | None, last_s: float | None) -> float:
@@ -185,7 +177,7 @@ class Playback:
     @property
     def position(self) -> int:
         """How many events are shown; never less than the first one."""
-        return self.frames[self._frame].end
+        return self.frame.end
 
     @property
     def speed(self) -> int:
@@ -279,7 +271,7 @@ class Playback:
     def go(self, frame: int) -> None:
         """To one of the frames, or as far as there are any."""
         self._show(min(max(frame, 0), len(self.frames) - 1))
-        self.time_s = self._times_s[self._frame]
+        self.time_s = self.frame.time_s
         self._playing = False
 
     def _show(self, frame: int) -> None:
@@ -311,14 +303,9 @@ class Playback:
         return self._events[at]
 
     @property
-    def events_shown_last(self) -> Sequence[Event]:
-        """The events of the frame that is shown."""
-        return self.frames[self._frame].events
-
-    @property
-    def at_either_end(self) -> bool:
-        """At the start or the end of the record."""
-        return self.at_end or self._frame == 0
+    def frame(self) -> Frame:
+        """The moment that is shown."""
+        return self.frames[self._frame]
 
     @property
     def place(self) -> str:
@@ -358,12 +345,12 @@ class Playback:
 
     def _fault(self, axis: Leg) -> Live | None:
         """The fault of this axis if the take shown last failed."""
-        for event in self.frames[self._frame].events:
+        for event in self.frame.events:
             if isinstance(event, Faulted) and event.axis == axis:
                 is_known = event.kind in list(FaultKind)
                 kind = FaultKind(event.kind) if is_known else FaultKind.NOT_UNDERSTOOD
                 fault = Fault(kind, event.text, event.kind)
-                return Live(fault, self.time_s - self._times_s[self._frame], Motion.FAULT)
+                return Live(fault, self.time_s - self.frame.time_s, Motion.FAULT)
         return None
 
     def _age_s(self, reading: Reading) -> float:

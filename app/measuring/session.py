@@ -7,8 +7,8 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.measuring.doubts import Circumstances, Doubt, TakenStep, examined, plausible
-from app.measuring.gauges import Gauge, Motion
+from app.measuring.doubts import Doubt, TakenStep, examined, plausible
+from app.measuring.gauges import Gauge
 from app.measuring.moving import Mover
 from calib.errors import MotionError, UsageError
 from calib.tripod.pipeline import StageEffect
@@ -58,7 +58,7 @@ class Indicators:
     def close(self) -> None:
         """Let go of a controller, close every port, then switch a simulated machine off."""
         if self.mover is not None:
-            self.mover.close()
+            self.mover.line.close()
         for gauge in self.gauges:
             gauge.close()
         self.close_bench()
@@ -89,8 +89,6 @@ class GuidedSession:
         self._untold_jump_s = 0.0
         self._digits_mm: dict[int, float] = {}
         self._due: tuple[Session, tuple[ExpectedReading, ...]] | None = None
-        if self.mover is not None:
-            self.mover.shown_mm = self._shown_mm
 
     @property
     def path(self) -> Path:
@@ -121,9 +119,9 @@ class GuidedSession:
         """Tell the machine, where it can be told, to move to the present step."""
         step = self.step()
         if step is not None:
-            self._restart_windows()
+            for gauge in self.gauges:
+                gauge.restart_window()
             if self.mover is not None:
-                self.mover.on_arrival = self._restart_windows
                 self.mover.go(step, by_hand_first=self.session.needs_new_zero(step))
             elif self._go is not None:
                 self._go(step)
@@ -142,19 +140,6 @@ class GuidedSession:
         if news:
             with self._lock:
                 self._append([Noted(text=text) for text in news])
-
-    def _shown_mm(self, at_rest: bool) -> tuple[float, ...] | None:
-        step = self.step()
-        states = [self.gauges[number].live() for number in step.indicators] if step else []
-        if at_rest and any(live.motion is not Motion.STABLE for live in states):
-            return None
-        outcomes = [live.outcome for live in states]
-        values = tuple(o.value_mm for o in outcomes if isinstance(o, IndicatorReading))
-        return values if outcomes and len(values) == len(outcomes) else None
-
-    def _restart_windows(self) -> None:
-        for gauge in self.gauges:
-            gauge.restart_window()
 
     def take(self) -> TakenStep | None:
         """Read every indicator of the present step and write the readings to the disk.
@@ -212,14 +197,14 @@ class GuidedSession:
         # a step cut off between its two readings is measured again as a whole
         leftovers = self._superseded((step.number,), "step was interrupted")
         events: list[Event] = [*mounted, *leftovers, *readings]
-        around = Circumstances(
+        step_taken, remarks = examined(
+            TakenStep(step, readings, (), due),
+            [*self._journal.events, *events],
             self.session,
             self.gauges,
             simulated=self._go is not None,
             controlled=self.mover is not None,
         )
-        record = [*self._journal.events, *events]
-        step_taken, remarks = examined(TakenStep(step, readings, (), due), record, around)
         self._append([*events, *remarks])
         for gauge in self.gauges:
             gauge.forget_travel()

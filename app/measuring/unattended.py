@@ -77,7 +77,7 @@ def end_motion(mover: Mover, tell: Callable[[str], None]) -> None:
     """Stop what moves, and ``tell`` at once where it is not seen to rest: closing takes seconds."""
     mover.stop("the session ended", by_operator=True)
     while mover.state in (State.MOVING, State.STOPPING) and not mover.line.not_stopped:
-        mover.alive()
+        mover.line.alive()
         time.sleep(LOOK_S)
     if mover.line.not_stopped:
         tell(mover.why)
@@ -93,7 +93,7 @@ def home(mover: Mover, tell: Callable[[str], None]) -> None:
         return
     try:
         while not homing.done():
-            mover.alive()
+            mover.line.alive()
             time.sleep(LOOK_S)
         homing.result()
     except BaseException:
@@ -152,7 +152,7 @@ def _wait(guided: GuidedSession, mover: Mover) -> None:
     """Until the machine rests. Raises MotionError for what stopped it, unless it is over."""
     fault_words = None
     while True:
-        mover.alive()
+        mover.line.alive()
         guided.follow_proof()
         fault_words = lost_words(guided) or fault_words
         if mover.proving:

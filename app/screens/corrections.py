@@ -54,11 +54,11 @@ class Corrections(MainScreen[None]):
         """
         if self.asking and not over:
             return None
-        self.asking, mover = True, self.guided.mover
+        asked_before, self.asking, mover = self.asking, True, self.guided.mover
         if mover is not None:
             mover.release()
         answer = await self.app.push_screen_wait(dialog)
-        self.asking = False
+        self.asking = asked_before  # a question below this one is still open
         if mover is not None:
             mover.line.calm()
         return answer
@@ -95,24 +95,26 @@ class Corrections(MainScreen[None]):
 
     def action_correct(self, what: str) -> None:
         """Repeat, take back, skip or set up anew, as `Correcting` calls it."""
-        if what in ("undo", "earlier"):
-            self.attended.automatic = False
         if not self.busy:
-            self.converse(getattr(self.correcting, what))
+            by_hand = what in ("undo", "earlier")
+            self.converse(getattr(self.correcting, what), by_hand=by_hand)
 
     @work
-    async def converse(self, correction: Callable[[], Awaitable[bool]]) -> None:
-        """Ask, and go to the present step where anything is another now."""
+    async def converse(
+        self, correction: Callable[[], Awaitable[bool]], *, by_hand: bool = False
+    ) -> None:
+        """Ask, and go to the present step where anything is another now, ``by_hand`` from there."""
         with self.writing():
             if await correction():
+                self.attended.automatic &= not by_hand
                 self.proceed()
 
     @work
     async def action_leave(self) -> None:
         """Back to the home screen, with the session paused. Asks first."""
-        self.attended.automatic = False
         if self.busy or not await self.agreed(questions.LEAVE_QUESTION, questions.LEAVE_CHOICES):
             return
+        self.attended.automatic = False
         self.app.run_worker(self.app.pause_session())
 
     @work

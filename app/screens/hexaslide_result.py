@@ -92,7 +92,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
     async def action_export(self) -> None:
         result, folder = self.result, self.path.with_suffix("")
         if result is not None and (
-            paths := await self.app.written(partial(write_calibrated, result.solved, folder))
+            paths := await self.written(partial(write_calibrated, result.solved, folder))
         ):
             self.app.notify(texts.exported_text(paths))
             self.folder = folder.name
@@ -105,9 +105,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
         if ending is None:
             return
         assert self.result is not None, "offered with a result alone"
-        if path := await self.app.written(
-            partial(_report, self.result, self.path.with_suffix(ending))
-        ):
+        if path := await self.written(partial(_report, self.result, self.path.with_suffix(ending))):
             self.app.notify(texts.REPORT_WRITTEN.format(path))
 
 

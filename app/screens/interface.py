@@ -95,7 +95,18 @@ class MainScreen(LeftOnce[ScreenResultType]):
         return await self.ask(TextDialog(question, hint, proposed, without))
 
     async def written(self, job: Callable[..., Answer]) -> Answer | None:
-        return await self.app.written(job)
+        """For workers: what a job gives that writes files, in a thread; None where it does not.
+
+        Where files are there already a person is asked, and it is called again with ``replace``.
+        """
+        with self.app.complaining():
+            try:
+                return await asyncio.to_thread(job, replace=False)
+            except FilesThere as problem:
+                dialog = ChoiceDialog(f"{problem.words}.", texts.REPLACE_CHOICES)
+                if await self.app.push_screen_wait(dialog) == "replace":
+                    return await asyncio.to_thread(job, replace=True)
+        return None
 
 
 def once(
@@ -458,20 +469,6 @@ class Glidecal(App[str]):
             yield
         except GlidecalError as problem:
             self.complain(problem)
-
-    async def written(self, job: Callable[..., Answer]) -> Answer | None:
-        """For workers: what a job gives that writes files, in a thread; None where it does not.
-
-        Where files are there already a person is asked, and it is called again with ``replace``.
-        """
-        with self.complaining():
-            try:
-                return await asyncio.to_thread(job, replace=False)
-            except FilesThere as problem:
-                dialog = ChoiceDialog(f"{problem.words}.", texts.REPLACE_CHOICES)
-                if await self.push_screen_wait(dialog) == "replace":
-                    return await asyncio.to_thread(job, replace=True)
-        return None
 
     async def action_quit(self) -> None:
         self.notify("Finishing …")

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache, partial
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, ParamSpec, Self, TypeVar
 
-from rich.segment import Segment
 from textual.app import ComposeResult
 from textual.color import Color
 from textual.content import Content
@@ -88,12 +87,11 @@ class Resting(Widget):
     """
 
     _rows: tuple[Region, list[Strip]] | None = None
-    _beside: RowFrame | None = None
 
     def render_lines(self, crop: Region) -> list[Strip]:
         """The rows of before where nothing changed."""
         if self._rows is None or self._rows[0] != crop:
-            self._rows, self._beside = (crop, super().render_lines(crop)), None
+            self._rows = crop, super().render_lines(crop)
         return self._rows[1]
 
     def refresh(
@@ -105,30 +103,6 @@ class Resting(Widget):
     ) -> Self:
         self._rows = None
         return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)
-
-    def redraw(self, first: int, rows: int) -> None:
-        """Draw rows of the content again, by `render_line`; what stands beside them stays.
-
-        The parent tells the screen, once for all of its children.
-        """
-        parent = self.parent
-        rows = min(rows, self.size.height - first)  # there may be less room than words
-        if (
-            not isinstance(parent, Widget)
-            or rows <= 0
-            or self._rows is None
-            or self._rows[0].size != self.outer_size  # it has another size now, or is cut
-        ):
-            self.refresh()
-            return
-        (region, kept_rows), self._beside = (
-            self._rows,
-            self._beside or RowFrame(self, self._rows[1]),
-        )
-        for y in range(first, first + rows):
-            kept_rows[self._beside.top + y] = self._beside.between(tuple(self.render_line(y)))
-        x, y = self.region.offset - parent.content_region.offset
-        Widget.refresh(parent, Region(x, y + self._beside.top + first, region.width, rows))
 
     def notify_style_update(self) -> None:
         self._rows = None
@@ -155,26 +129,6 @@ def last_lines() -> ComposeResult:
     """What happened last, and the keys: the end of every screen."""
     yield Message()
     yield KeyLine()
-
-
-class RowFrame:
-    """What stands left and right of the content of a widget, and what its rows pass through."""
-
-    def __init__(self, widget: Widget, drawn: Sequence[Strip]) -> None:
-        column, self.top = widget.gutter.top_left
-        self._width, self._ground = widget.size.width, widget.visual_style.rich_style
-        row = drawn[self.top]
-        self._before, self._behind = row.crop(0, column), row.crop(column + self._width)
-        self._whole_width, self._background = row.cell_length, widget.background_colors[1]
-        self._filters = widget.get_line_filters()
-        # a last digit that flickers comes back to the same few rows
-        self.between = lru_cache(maxsize=64)(self._between)
-
-    def _between(self, content: tuple[Segment, ...]) -> Strip:
-        strip = Strip(content).adjust_cell_length(self._width, self._ground)
-        for line_filter in self._filters:
-            strip = strip.apply_filter(line_filter, self._background)
-        return Strip([*self._before, *strip, *self._behind], self._whole_width)
 
 
 def legible(variables: Mapping[str, str]) -> dict[str, str]:

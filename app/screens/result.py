@@ -125,7 +125,7 @@ class ResultScreen(PagedScreen[None]):
     async def action_export(self) -> None:
         """What was written is said in passing, what to beware of stays on the page."""
         folder = self.path.with_suffix("")
-        written = await self.app.written(partial(export_offsets, self.solved, folder))
+        written = await self.written(partial(export_offsets, self.solved, folder))
         if written is not None:
             self.app.notify(texts.exported_text(folder, written))
             self._did(Done.EXPORTED)
@@ -145,7 +145,7 @@ class ResultScreen(PagedScreen[None]):
     async def action_report(self) -> None:
         self.app.notify(texts.WRITING_REPORT)
         target = self.path.with_suffix(".html")
-        if await self.app.written(partial(_report, self.path, target)):
+        if await self.written(partial(_report, self.path, target)):
             self.app.notify(texts.REPORT_WRITTEN.format(target.name))
             self._did(Done.REPORTED)
 

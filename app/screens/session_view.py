@@ -15,6 +15,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
+from textual.geometry import Region
 from textual.renderables.digits import Digits
 from textual.selection import Selection
 from textual.strip import Strip
@@ -101,7 +102,7 @@ class GaugeDisplay(Resting):
         else:
             pairs = enumerate(zip_longest(rows_before, self.rows))
             if changed := [y for y, (row_before, row) in pairs if row_before != row]:
-                self.redraw(0, 1 + changed[-1])
+                self.refresh(Region(0, 0, self.size.width, 1 + changed[-1]))
         if (port := port_words(self._port, live)) != str(self.border_subtitle):
             self.border_subtitle = Content(port)
 

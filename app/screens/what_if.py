@@ -19,6 +19,7 @@ from app.report.charts.charts import Chart
 from app.report.charts.results import predictions_with, residuals_with
 from app.report.text import what_if as texts
 from app.report.text.home import ONLY_SHOWN
+from app.report.text.tables import wrapped
 from app.screens.interface import once
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, signalled
@@ -62,7 +63,7 @@ class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outco
     def __init__(self, heading: str, doubt: str = "") -> None:
         super().__init__()
         self._heading, self._doubt = heading, doubt
-        self._why_not = self._figures = ""
+        self._figures = ""
         self._worked_out: tuple[float, ...] | None = None
 
     def above(self) -> ComposeResult:
@@ -89,7 +90,7 @@ class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outco
         self.look(self.begun, self._begin)
 
     def _begin(self, sizes: Sizes) -> None:
-        self.sizes, self._why_not = sizes, sizes.why_not
+        self.sizes = sizes
         self.move_to(sizes.first)
 
     def wait(self, text: str) -> None:
@@ -116,7 +117,7 @@ class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outco
                 self.now = await apart(self, self.outcome, values)
             except GlidecalError as problem:
                 if values == self.values:
-                    self._why_not = str(problem)
+                    self._figures = wrapped(str(problem))
                     break
             else:
                 self._worked_out, self._figures = values, self.show(self.now)
@@ -124,7 +125,7 @@ class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outco
         self.show_words()
 
     def show_words(self) -> None:
-        table = texts.sizes_text(self.sizes, self.values, self.number, self._why_not)
+        table = texts.sizes_text(self.sizes, self.values, self.number)
         words = "\n".join(filter(None, [table, self._figures, self._doubt]))
         self.wait(self.app.keyed(words))
 
@@ -146,7 +147,7 @@ class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outco
         if self.sizes.best:
             self.move_to(self.sizes.best)
         else:
-            self.app.complain(self._why_not or texts.NOT_YET)
+            self.app.complain(self.sizes.why_not)
 
     def action_back(self) -> None:
         self.dismiss(None)

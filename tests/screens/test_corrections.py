@@ -364,3 +364,38 @@ async def test_escape_asks_and_home_offers_the_paused_session(
         assert len(fold(read_record(path).events).readings) == 2
         listed = interface.screen.query_one(OptionList).get_option_at_index(0)
         assert str(listed.prompt).startswith("Continue")
+
+
+@pytest.mark.parametrize("key", ["b", "escape"])
+async def test_a_question_that_is_left_leaves_automatic_as_it_is_shown(
+    tmp_path: Path, key: str
+) -> None:
+    """Once it took by hand from there on, and the screen still said automatic."""
+    async with measuring(tmp_path) as (pilot, interface, screen):
+        await take(pilot, screen)
+        await pilot.press("p", "a", key)  # on hold nothing is taken meanwhile
+        await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
+        await pilot.press("escape")
+        await until(pilot, "no question", lambda: interface.screen is screen)
+        await pilot.press("p")
+        await until(pilot, "continued", lambda: not screen.attended.on_hold)
+        assert screen.attended.automatic
+        assert "automatic" in on(screen, "#progress")
+
+
+async def test_nothing_is_taken_under_a_question_while_one_over_it_is_answered(
+    tmp_path: Path,
+) -> None:
+    async with measuring(tmp_path) as (pilot, interface, screen):
+        await pilot.press("n")
+        await until(pilot, "note", lambda: isinstance(interface.screen, TextDialog))
+        screen.run_worker(screen.ask(ChoiceDialog("Stand?", [("yes", "Yes")]), over=True))
+        await until(pilot, "over it", lambda: isinstance(interface.screen, ChoiceDialog))
+        await pilot.press("enter")
+        await until(pilot, "note again", lambda: isinstance(interface.screen, TextDialog))
+        screen.attended.automatic = True
+        await pilot.pause(0.5)  # all stand still: it would be taken
+        assert screen.asking
+        assert not screen.guided.session.readings
+        await pilot.press("escape")
+        await until(pilot, "taken by itself", lambda: bool(screen.guided.session.readings))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,7 @@ from app.screens.interface import ChoiceDialog, Glidecal, TextDialog
 from app.screens.plot import ChartPlot
 from app.screens.result import ResultScreen
 from app.screens.what_if import WhatIfScreen
+from calib.errors import UsageError
 from protocols.effect_entries import EffectEntry, ParameterEntry
 from protocols.model_file import ModelFile, read_model_file
 from protocols.record import read_record
@@ -305,6 +307,32 @@ async def test_on_a_result_any_effect_is_tried_and_none_adopted(tmp_path: Path) 
         assert interface.screen is page, "the size stays"
         await pilot.press("f10")
     assert [entry.name for entry in tmp_path.iterdir()] == ["plain.jsonl"]
+
+
+async def test_figures_or_a_problem_are_of_the_size_that_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once the figures of the size before stayed beside it, and the problem beside later ones."""
+    path = write_session(tmp_path / "plain.jsonl", "zero-max-min", 4)
+    interface = Glidecal(ResultScreen(solve_files([path], subset="both"), None, path))
+    words = "tool, effect not compensated"
+
+    def refused(trial: Trial, values: Sequence[float]) -> Trial:
+        raise UsageError("size", f"{values[0]:g}", "one that a machine can have")
+
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        await pilot.pause()
+        page = await tried(pilot, interface)
+        await until(pilot, "figures", lambda: words in body(interface))
+        with monkeypatch.context() as patched:
+            patched.setattr(Trial, "at", refused)
+            await pilot.press("right")
+            await until(pilot, "problem", lambda: "a machine can have" in body(interface))
+        assert words not in body(interface)
+        await pressed(pilot, page, "right")
+        await until(pilot, "figures", lambda: words in body(interface))
+        assert "a machine can have" not in body(interface)
+        await pilot.press("f10")
 
 
 async def test_who_only_looks_adopts_nothing(tmp_path: Path) -> None:

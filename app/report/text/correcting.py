@@ -107,7 +107,7 @@ class Correcting:
         """Whether the machine was homed since it was switched on, or shall be now."""
         answer = await self.person.choice(motion.HOMED_QUESTION, motion.HOMED_CHOICES)
         if self.guided.mover and answer == "homed":
-            self.guided.mover.confirm_homed()
+            self.guided.mover.line.homing_confirmed = True
         elif self.guided.mover and answer == "home":
             self.guided.mover.home()
         self.guided.note(f"homing: {answer or 'not answered'}")

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from rich.table import Table
 
-from app.measuring.hexaslide import PostureDoubt, PostureTask, departed
+from app.measuring.hexaslide import PostureDoubt, departed
 from app.report.text.tables import WIDTH, hanging, new_table, paragraphs, wrapped
 from calib.hexaslide.geometry import CHAINS
 from calib.hexaslide.procedures import ANGLES, COMPONENTS
@@ -19,30 +19,35 @@ GAP = 2
 """Between columns of a table that would else be too wide."""
 
 
-def task_text(task: PostureTask) -> str:
-    """Where to send the sliders, and what to attach."""
-    slider_words = [f"{value:.4f}" for value in task.sliders_mm]
+def task_text(asked: PostureCommands, number: int, *, is_first: bool) -> str:
+    """Where to send the sliders for a posture, counted from 1, and what to attach.
+
+    ``is_first``: nothing was read before.
+    """
+    procedure, slider_words = asked.procedure, [f"{value:.4f}" for value in asked.of(number)]
+    posture = procedure.postures[number - 1]
     coordinate_words = [
-        f"{name} {value:.3f}" for name, value in zip(COMPONENTS, task.posture, strict=True)
+        f"{name} {value:.3f}" for name, value in zip(COMPONENTS, posture, strict=True)
     ]
     lines = [
-        f"Posture {task.number} of {task.count}",
+        f"Posture {number} of {len(procedure.postures)}",
         f"  sliders 1 2 3   {'  '.join(slider_words[:3])} mm",
         f"  sliders 4 5 6   {'  '.join(slider_words[3:])} mm",
         f"  platform        {'  '.join(coordinate_words[:3])} mm",
         f"                  {'  '.join(coordinate_words[3:])} °",
     ]
-    if task.attach:
-        lines.append(hanging(f"  attach          {task.attach}", " " * 18))
-    if task.is_first:
+    if procedure.attach:
+        lines.append(hanging(f"  attach          {procedure.attach}", " " * 18))
+    if is_first:
         lines.append(f"  {FIRST_APPROACH}")
     return "\n".join(lines)
 
 
-def prompt_text(task: PostureTask, *, indicated: bool) -> str:
+def prompt_text(asked: PostureCommands, *, indicated: bool) -> str:
     """What is typed."""
-    sliders = ["slider 1 … 6 as they stand"] if task.reads_sliders else []
-    names = [f"{name} °" if name in ANGLES else f"{name} mm" for name in task.measured]
+    procedure = asked.procedure.whole()
+    sliders = ["slider 1 … 6 as they stand"] if procedure.has_rigid_link else []
+    names = [f"{name} °" if name in ANGLES else f"{name} mm" for name in procedure.measured]
     typed = ", ".join((*sliders, *names))
     return wrapped(f"{typed}; an empty line reads the indicator" if indicated else typed)
 

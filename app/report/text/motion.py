@@ -67,7 +67,7 @@ def opened_text(plan: Plan, mover: Mover | None) -> str:
         return check_text(plan)
     return paragraphs(
         [f"{{check.begin}} begins; nothing moves yet. {QUESTION} Every posture is listed below."],
-        _limits_text(plan, mover.facts),
+        _limits_text(plan, mover.line.facts),
         _postures_text(plan),
         check_text(plan).splitlines(),
     )

@@ -55,12 +55,13 @@ def progress_line(playback: Playback) -> str:
 
 def said_text(playback: Playback) -> str:
     """One line for what is shown last; at both ends also what is wrong with the record."""
-    events = playback.events_shown_last
+    events, frames = playback.frame.events, playback.frames
     readings = [event for event in events if isinstance(event, Reading)]
     faults = [event for event in events if isinstance(event, Faulted)]
     text = _taken(readings) if readings else "; ".join(map(_event, faults or events[:1]))
     unfinished = playback.record.unfinished
-    return f"{text} {unfinished}" if unfinished and playback.at_either_end else text
+    at_either_end = playback.frame in (frames[0], frames[-1])
+    return f"{text} {unfinished}" if unfinished and at_either_end else text
 
 
 def _event(event: Event) -> str:

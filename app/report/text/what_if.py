@@ -92,7 +92,7 @@ def doubt_text(choice: Choice, *, mistakes: bool) -> str:
     return wrapped("\n".join(lines))
 
 
-def sizes_text(sizes: Sizes, values: Sequence[float], number: int, why_not: str) -> str:
+def sizes_text(sizes: Sizes, values: Sequence[float], number: int) -> str:
     """A line for each size: what it is now, what fits best, how far a key moves it."""
     table = new_table("", "size", "", "fits best", "step", left=1)
     for k, (name, step) in enumerate(zip(sizes.names, sizes.steps, strict=True)):
@@ -102,7 +102,7 @@ def sizes_text(sizes: Sizes, values: Sequence[float], number: int, why_not: str)
         value = signed(values[k], decimals(step))
         mark = ">" if k == number else " "
         table.add_row(f"{mark} {name}", value, sizes.units[k], best, f"{step:g}")
-    return "\n".join(filter(None, [table_text(table), wrapped(why_not)]))
+    return "\n".join(filter(None, [table_text(table), wrapped(sizes.why_not)]))
 
 
 def effect_text(without: WhatIf, now: WhatIf) -> str:

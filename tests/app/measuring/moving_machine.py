@@ -183,9 +183,9 @@ def moving_session(
             gauges.append(gauge)
         controller = controller_of(twin.told, limits_of(machine))
         controller.answer_s = 2.0
-        mover = Mover(MotionLine(controller, BUSY), procedure, machine, ("xyz", "xyz"))
+        mover = Mover(MotionLine(controller, BUSY), procedure, machine, ("xyz", "xyz"), gauges)
         mover.line.start()
-        mover.confirm_homed()
+        mover.line.homing_confirmed = True
         is_continued = path.exists()
         journal = Journal.resume(path, "test") if is_continued else Journal.create(path, opened)
         with GuidedSession(journal, Indicators((*gauges,), mover=mover)) as guided:
@@ -195,10 +195,12 @@ def moving_session(
 def remember_proved(plan: Plan) -> None:
     """The machine of a plan behind its controller counts as proved from now on."""
     assert plan.motion is not None
-    mover = open_mover(plan.motion, plan.procedure, plan.machine, plan.instruments, BUSY, "once")
+    mover = open_mover(
+        plan.motion, plan.procedure, plan.machine, plan.instruments, (), BUSY, "once"
+    )
     assert mover.proof is not None
-    mover.proof.remember(mover.facts)
-    mover.close()
+    mover.proof.remember(mover.line.facts)
+    mover.line.close()
 
 
 def taken(path: Path) -> tuple[Reading, ...]:
@@ -318,7 +320,7 @@ def operator_looks(guided: GuidedSession) -> None:
             mover.line.vouch()
         elif mover.state is not State.STOPPING:
             mover.answer().exception(20.0)
-            mover.confirm_homed()
+            mover.line.homing_confirmed = True
         time.sleep(0.05)
 
 

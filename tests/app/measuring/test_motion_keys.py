@@ -185,7 +185,7 @@ def operator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Operator]:
         controller = controller_of(twin.told, limits_of(FAST))
         steps = procedure.steps(FAST.geometry(), ("xyz", "xyz"))
         with started(controller, Patience(silence_s=3.0, dead_s=DEAD_S)) as (line, _):
-            mover = Mover(line, procedure, FAST, ("xyz", "xyz"))
+            mover = Mover(line, procedure, FAST, ("xyz", "xyz"), ())
             yield Operator(mover, twin, ticker, steps, random.Random())
 
 

@@ -49,7 +49,7 @@ BOTH = ("xyz", "xyz")
 
 def arrives(mover: Mover) -> None:
     while mover.under_way:
-        mover.alive()
+        mover.line.alive()
         time.sleep(0.01)
 
 

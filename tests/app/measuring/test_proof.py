@@ -106,7 +106,7 @@ class Operator:
 def measured(plan: Plan, operator: Operator) -> GuidedSession:
     with start_session(plan) as guided:
         assert guided.mover is not None
-        guided.mover.confirm_homed()
+        guided.mover.line.homing_confirmed = True
         measure_all(guided, operator.agree, lambda _: None, operator.saw)
     return guided
 
@@ -250,7 +250,7 @@ def test_a_stop_in_the_middle_proves_nothing_and_the_carriage_begins_anew(tmp_pa
         assert proposal.proof.carriage == "x"
         assert dist(start, bench.axes.at_mm) < MOST_MM
         while (proof := mover.unproved) is not None:
-            mover.alive()
+            mover.line.alive()
             guided.follow_proof()
             if proof.question:
                 guided.answer_proof(yes=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -308,17 +308,11 @@ def lack_of_fit(
     free = round(len(first) - set_up_unknowns(visited) - parameter_count, 6)
     if noise.source == "residuals" or free <= 0.0:
         return None
-    together = np.bincount(cell, visited.averaged)
+    together = np.bincount(cell, visited.averaged).astype(np.float64)
     mean = np.bincount(cell, visited.averaged * left_mm) / together
-    indicator = visited.indicator[first]
-    repeatability_mm2 = np.array(
-        [indicator_noise.repeatability_mm2 for indicator_noise in noise.indicators]
-    )[indicator]
-    locked = np.array([indicator_noise.quantisation_mm2 for indicator_noise in noise.indicators])[
-        indicator
-    ]
-    weight = 1.0 / (repeatability_mm2 / together + locked)
-    residual_mm = without_zeros(visited.take(first), weight, mean)
+    means = replace(visited.take(first), averaged=together)
+    weight = 1.0 / (noise.repeatability_mm2(means) + noise.quantisation_mm2(means))
+    residual_mm = without_zeros(means, weight, mean)
     statistic = float((weight * residual_mm**2).sum()) / free
     p_value = variance_ratio_p_value(statistic, free, noise.degrees_of_freedom)
     return LackOfFit(statistic, free, p_value)

@@ -34,6 +34,9 @@ class SubsetChoice:
             raise solution
         return solution
 
+    def _every(self) -> dict[Subset, Solution | NotIdentifiable]:
+        return {subset: self._solution_or_reason(subset) for subset in SUBSETS}
+
     def _solution_or_reason(self, subset: Subset) -> Solution | NotIdentifiable:
         if subset not in self.identified:
             try:
@@ -48,20 +51,18 @@ class SubsetChoice:
     @property
     def solutions(self) -> dict[Subset, Solution]:
         """Those of all sets that the readings determine."""
-        every = {subset: self._solution_or_reason(subset) for subset in SUBSETS}
         return {
             subset: solution
-            for subset, solution in every.items()
+            for subset, solution in self._every().items()
             if not isinstance(solution, NotIdentifiable)
         }
 
     @property
     def refused(self) -> dict[Subset, NotIdentifiable]:
         """The reason for every set that they do not determine."""
-        every = {subset: self._solution_or_reason(subset) for subset in SUBSETS}
         return {
             subset: reason
-            for subset, reason in every.items()
+            for subset, reason in self._every().items()
             if isinstance(reason, NotIdentifiable)
         }
 

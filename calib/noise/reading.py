@@ -143,20 +143,6 @@ class Noise:
             ),
         )
 
-    def scaled(self, factor: float) -> Noise:
-        """The same noise with every variance times ``factor``."""
-        return replace(
-            self,
-            indicators=tuple(
-                replace(
-                    indicator,
-                    repeatability_mm2=indicator.repeatability_mm2 * factor,
-                    quantisation_mm2=indicator.quantisation_mm2 * factor,
-                )
-                for indicator in self.indicators
-            ),
-        )
-
 
 def reading_weights(observed: Observations, noise: Noise | None) -> FloatArray:
     """Weight of each value ``(n_readings,)`` in 1/mm² such that those of a posture add up right.

@@ -289,17 +289,13 @@ class Forecast:
         self, measurements: Sequence[ExpectedReadings], models: Sequence[int]
     ) -> list[FloatArray]:
         """What model j leaves of each if model i is true ``(h, h)``, noise variances."""
-        groups = [group.only(models) for group in self.groups]
-        groups = [group for group in groups if len(group.rows)]
-        number = {model: k for k, model in enumerate(models)}
-        index = np.array([number[k] for group in groups for k in group.rows.tolist()])
+        place = np.argsort(np.concatenate([group.rows for group in self.groups]))[list(models)]
         matrices = []
         for readings in measurements:
-            updated = [group.updated(readings, self.followed) for group in groups]
-            expected = np.hstack([update.expected for update in updated])
-            apart = np.zeros((len(models), len(models)))
-            apart[np.ix_(index, index)] = np.hstack([u.squares(expected) for u in updated])
-            matrices.append(apart)
+            updated = [group.updated(readings, self.followed) for group in self.groups]
+            expected = np.hstack([update.expected for update in updated])[:, place]
+            squares = np.hstack([update.squares(expected) for update in updated])
+            matrices.append(np.asarray(squares[:, place]))
         return matrices
 
     def _bound_mm(

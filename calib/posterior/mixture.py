@@ -6,8 +6,8 @@ known beforehand, and so is where its mean goes if another model is true.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -100,23 +100,6 @@ class Group:
             tool @ fields[0].base_root,
             tool @ sizes,
             tool @ mean,
-        )
-
-    def only(self, models: Collection[int]) -> Group:
-        """The group without other models than these."""
-        inside = np.isin(self.rows, list(models))
-        columns = inside[self.owner]
-        widths = np.bincount(self.owner, minlength=len(self.rows))[inside]
-        return replace(
-            self,
-            rows=self.rows[inside],
-            owner=np.repeat(np.arange(len(widths)), widths),
-            blocks=_blocks(widths),
-            sizes=self.sizes[:, columns],
-            away=self.away[:, inside],
-            inflated=self.inflated[inside],
-            tool_sizes=self.tool_sizes[:, columns],
-            tool_mean=self.tool_mean[:, inside],
         )
 
     def sums(self, values: FloatArray) -> FloatArray:

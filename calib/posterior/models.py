@@ -129,9 +129,7 @@ class Posterior:
 
     def starts(self, model: Weighted) -> list[int]:
         """Where the values of each member begin in those of a model."""
-        widths = [len(self.components[k].unit) for k in model.members]
-        first = len(model.mean) - sum(widths)
-        return [first + sum(widths[:k]) for k in range(len(widths))]
+        return [at for _, at in self.placed(model)[len(model.everywhere) :]]
 
     def placed(self, model: Weighted) -> list[tuple[int, int]]:
         """All components of a model, those everywhere first, and where the values of each begin."""
@@ -145,14 +143,15 @@ class Posterior:
         parameters = np.zeros((self.field.rows.shape[1], self.parameter_count))
         parameters[3:6, :LENGTHS] = np.eye(3)
         parameters[:3, -3:] = np.eye(3)
-        into_base: dict[tuple[int, ...], FloatArray] = {}
+        of_everywhere: dict[tuple[int, ...], tuple[FloatArray, FloatArray]] = {}
         shared: dict[int, tuple[FloatArray, FloatArray]] = {}
         models = []
         for model in self.models:
-            if model.everywhere not in into_base:
+            if model.everywhere not in of_everywhere:
                 laws = (self.into_field[k] for k in model.everywhere)
-                into_base[model.everywhere] = np.hstack([parameters, *laws])
-            base = into_base[model.everywhere]
+                unstated = self._of_tolerances(model.everywhere)
+                of_everywhere[model.everywhere] = np.hstack([parameters, *laws]), unstated
+            base, unstated = of_everywhere[model.everywhere]
             key = id(model.base)
             if key not in shared:
                 moved = base @ model.base
@@ -166,7 +165,7 @@ class Posterior:
                 root = root + self.into_field[k] @ model.sizes[block]
             root = model.inflated * root
             in_field = InField(model.weight, mean, *shared[key], model.inflated, root)
-            unseen = np.diag(self._unseen(model, in_field))
+            unseen = np.diag(self._unseen(model, in_field, unstated))
             root = np.hstack([root, unseen[:, unseen.any(axis=0)]])
             models.append(replace(in_field, root=root, unplaced_mm2=self._unplaced_mm2(model)))
         return models
@@ -320,17 +319,15 @@ class Posterior:
         mean = float(weight @ means)
         return mean, math.sqrt(float(weight @ (variance + means**2)) - mean**2)
 
-    def _unseen(self, model: Weighted, in_field: InField) -> FloatArray:
+    def _unseen(self, model: Weighted, in_field: InField, unstated: FloatArray) -> FloatArray:
         """Standard deviations ``(f,)`` of what these readings do not show.
 
-        Parameters of lines that change none of them have their tolerance; so have shifts and turns
-        of the whole machine.
+        Parameters of lines that change none of them have their tolerance, ``unstated`` ``(f,)``; so
+        have shifts and turns of the whole machine.
         Of two axes that lean readings show the sum, of two that miss each other the distance. The
         rest turns or shifts the machine as a whole; it is taken to be as large, r.m.s.
         """
-        if model.everywhere not in self._unstated:
-            self._unstated[model.everywhere] = self._of_tolerances(model.everywhere)
-        deviation = self._unstated[model.everywhere].copy()
+        deviation = unstated.copy()
         if not self.geometry.common_zero:  # readings are of the tool, in the frame of its plate
             if AxisOffset.id in model.as_stated.free:
                 deviation[-3:] = np.hypot(deviation[-3:], self._turn_of_drives)
@@ -365,12 +362,8 @@ class Posterior:
         radius_mm = np.linalg.norm(np.cross(along, geometry.anchors), axis=1).mean()
         return np.asarray(np.abs(along) * mean_mm / radius_mm)
 
-    @cached_property
-    def _unstated(self) -> dict[tuple[int, ...], FloatArray]:
-        """What tolerances alone leave unseen ``(f,)``, by the components that a base has."""
-        return {}
-
     def _of_tolerances(self, everywhere: tuple[int, ...]) -> FloatArray:
+        """What tolerances alone leave unseen ``(f,)`` beside the components that a base has."""
         deviation = np.zeros(self.field.rows.shape[1])
         tolerances = self.sessions[-1].case.geometry
         shares = (share for k in everywhere for share in self.components[k].shares)
@@ -442,18 +435,21 @@ class Posterior:
     @property
     def mistakes(self) -> dict[tuple[str, str], float]:
         """Probability of each mistake of labels or readings, and its place."""
-        shares: dict[tuple[str, str], float] = {}
-        for model in self.models:
-            for name in {(mistake.id, mistake.where) for mistake in model.mistakes}:
-                shares[name] = shares.get(name, 0.0) + model.weight
-        return dict(sorted(shares.items(), key=lambda item: -item[1]))
+        return self._shares(lambda model: ((m.id, m.where) for m in model.mistakes))
 
     @property
     def places(self) -> dict[tuple[str, str], float]:
         """Probability of each id and place."""
+        components = self.components
+        return self._shares(lambda m: ((components[k].id, components[k].where) for k in m.members))
+
+    def _shares(
+        self, names_of: Callable[[Weighted], Iterable[tuple[str, str]]]
+    ) -> dict[tuple[str, str], float]:
+        """Weight of the models that have each name, the likeliest first."""
         shares: dict[tuple[str, str], float] = {}
         for model in self.models:
-            for name in {(self.components[k].id, self.components[k].where) for k in model.members}:
+            for name in {*names_of(model)}:
                 shares[name] = shares.get(name, 0.0) + model.weight
         return dict(sorted(shares.items(), key=lambda item: -item[1]))
 

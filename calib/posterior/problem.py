@@ -23,7 +23,7 @@ from calib.posterior.gaussian import About, LittleOfAll
 from calib.posterior.labels import RivalModel, Solved
 from calib.posterior.library import ELSE, Component, library
 from calib.posterior.models import Linear, Posterior, Weighted, effects_of_tool
-from calib.posterior.race import LOG_CAUSES, SCALES, Key, Products, Race, RaceEntry
+from calib.posterior.race import SCALES, Key, Products, Race, RaceEntry
 from calib.posterior.readings import LENGTHS, Placed, Rows
 from calib.posterior.tool import laws_held, tool_field
 from calib.tripod.effects.drives import Backlash
@@ -152,12 +152,9 @@ class PosteriorProblem:
         linear = Linear(self.rows, self.columns, self.index)
         result = Posterior(self.sessions, self.components, tuple(models), field, linear)
         constant = self.rows.log_constant + self._log_of_states() + self.log_of_lines + log_usual
-        products = race.products
-        log_plain = race.log_evidence(np.array(products.square), np.array(products.room))
-        plain = RaceEntry((), (), float(LOG_CAUSES[0] + log_plain))
         # something else explains any mistake away
         of_names = [entry for entry in entries if entry.members and not self._else(entry)]
-        heaviest = [plain, *of_names[:MOST_BESIDE]]
+        heaviest = [race.entry(()), *of_names[:MOST_BESIDE]]
 
         def beside(number: int, *, alone: bool) -> list[RivalModel]:
             models = self._single_names(race) if alone else heaviest

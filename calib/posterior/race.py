@@ -210,9 +210,7 @@ class Race:
 
         All pairs are tried; of triples those that hold one of the heaviest pairs.
         """
-        plain = self.products
-        log_plain = self.log_evidence(np.array(plain.square), np.array(plain.room))
-        weights: dict[Key, float] = {(): float(LOG_CAUSES[0] + log_plain)}
+        weights: dict[Key, float] = {(): self.entry(()).log_weight}
         weights |= self._beside([()], weights[()])
         wide = [k for k, columns in enumerate(self.columns) if len(columns) > NARROW]
         pairs = self._pairs()

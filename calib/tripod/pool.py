@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from calib.arrays import FloatArray, IntArray, conditions
 from calib.errors import ImpossibleRequest
@@ -70,10 +69,10 @@ class LegPool:
         elsewhere = replace(
             self, displacement_mm=displacement_mm, station=station, places=tuple(places)
         )
-        return elsewhere.with_rows((0.0,) * PARAMETERS)
+        return elsewhere.with_rows()
 
-    def with_rows(self, parameters_mm: ArrayLike) -> LegPool:
-        """The same with rows of a machine: derivatives by the six, 1 for the mounting's zero."""
+    def with_rows(self) -> LegPool:
+        """The same with its rows: derivatives by the six, 1 for the mounting's zero."""
         rows, numbers = (
             np.zeros((len(self), 2, PARAMETERS + 2 * len(self.places))),
             range(len(self)),
@@ -85,7 +84,7 @@ class LegPool:
                 self.displacement_mm.tolist(),
                 station=self.station.tolist(),
             )
-            rows[:, k, :PARAMETERS] = derivatives(self.geometry, parameters_mm, planned)
+            rows[:, k, :PARAMETERS] = derivatives(self.geometry, np.zeros(PARAMETERS), planned)
             rows[numbers, k, PARAMETERS + 2 * self.place + k] = 1.0
         return replace(self, rows=rows)
 
@@ -112,7 +111,6 @@ def leg_pool(
     geometry: Geometry,
     *,
     stations: Sequence[float] = STATIONS,
-    parameters_mm: ArrayLike = (0.0,) * PARAMETERS,
     both_ways: bool = True,
 ) -> LegPool:
     """All candidates on usable parts of the bars; ``both_ways`` counts each side of approach.
@@ -147,7 +145,7 @@ def leg_pool(
         place=place,
         places=places,
         rows=np.empty(0),  # made next, from all the others
-    ).with_rows(parameters_mm)
+    ).with_rows()
 
 
 def turning_mm(geometry: Geometry, leg: int, station: float) -> Pair:

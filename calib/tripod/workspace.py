@@ -18,9 +18,6 @@ CELLS_PER_AXIS = 6
 REACH_POINTS = 9
 """Positions of each carriage, ends among them, whose tools enclose all that joint limits allow."""
 
-NEAR_ZERO_MM = 50.0
-"""Half the side of the workpiece about Zero that an error relative to Zero is told for."""
-
 
 @lru_cache(maxsize=8)
 def workspace_box(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
@@ -44,17 +41,12 @@ def _middles(low: FloatArray, high: FloatArray, cells: int) -> list[FloatArray]:
 
 
 @lru_cache(maxsize=16)
-def workspace_points(
-    geometry: Geometry, cells_per_axis: int = CELLS_PER_AXIS, *, near_zero: bool = False
-) -> FloatArray:
+def workspace_points(geometry: Geometry, cells_per_axis: int = CELLS_PER_AXIS) -> FloatArray:
     """Middles ``(n_points, 3)`` of the workspace's cells where the machine may stand, mm.
 
-    With ``near_zero`` of the part within `NEAR_ZERO_MM` of Zero. Raises CalibrationError where it
-    stands in none.
+    Raises CalibrationError where it stands in none.
     """
     low, high = workspace_box(geometry)
-    if near_zero:
-        low, high = np.maximum(low, -NEAR_ZERO_MM), np.minimum(high, NEAR_ZERO_MM)
     points = _grid(_middles(low, high, cells_per_axis))
     reached_points = points[geometry.stands(points)]
     if not len(reached_points):

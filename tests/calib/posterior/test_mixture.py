@@ -116,10 +116,6 @@ def test_groups_of_models_are_those_of_dense_matrices(seed: int) -> None:
                 away = true.expected - model.expected
                 gone = float(away @ np.linalg.solve(model.spread, away)) / model.inflated**2
                 assert factor[k] == pytest.approx(0.5 * (wide + gone + logs), abs=1e-9)
-        only = group[0].only([int(group[0].rows[-1]), 77])
-        alone = only.updated(readings, followed)
-        assert alone.squares(seen[:, None])[0] == pytest.approx(squares[-1:])
-        assert alone.means(seen)[:, 0] == pytest.approx(means[:, -1])
 
 
 def test_set_ups_together_are_read_one_after_the_other() -> None:

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from calib.errors import CalibrationError
 from calib.tripod.geometry import Geometry, direct, inverse
 from calib.tripod.workspace import (
-    NEAR_ZERO_MM,
     distortion,
     largest_cube,
     passive_angles,
@@ -164,18 +163,15 @@ def test_the_other_assembly_at_zero_is_the_root_that_the_papers_print() -> None:
     assert not posture_of_tool(ORTHOGLIDE, (70.0, 40.0, 0.0)).stands  # carriage x at 67 mm
 
 
-def test_near_zero_is_a_workpiece_inside_the_workspace() -> None:
-    assert np.abs(workspace_points(ORTHOGLIDE, near_zero=True)).max() < NEAR_ZERO_MM
-    assert workspace_points(DELTA, near_zero=True)[:, 2].min() > 0.0  # the plate
-
-
 def test_milling_near_zero_does_not_show_legs_that_are_off_by_2_mm() -> None:
     """[C] 4.2: with the joint offsets of experiment 2 everything shifts by 1.8 mm.
 
     A workpiece of 100 mm at Zero is out of true by an eighth of that.
     """
     geometry, rho = ORTHOGLIDE, np.array([-0.4856, 0.4990, -1.6712])
-    points = workspace_points(geometry, near_zero=True)
+    low, high = workspace_box(geometry)
+    workpiece = tuple(np.maximum(low, -50.0).tolist()), tuple(np.minimum(high, 50.0).tolist())
+    points = workspace_points(replace(geometry, workspace_mm=workpiece))
     shift = direct(geometry, geometry.zero_mm + rho)
     off = direct(geometry, inverse(geometry, points) + rho) - points
     absolute, relative = (np.sqrt((e**2).sum(axis=1).mean()) for e in (off, off - shift))

@@ -102,6 +102,11 @@ class SessionSolution(Tabled):
         return self.choice.solution(self.subset)
 
     @property
+    def view_solution(self) -> Solution | None:
+        """`solution`; None where the readings determine no set, though they tell what to enter."""
+        return self.solution if self.view or self.choice.solutions else None
+
+    @property
     def frame(self) -> Frame:
         """What is free where the tool is judged."""
         return self.corrections.frame

@@ -73,8 +73,9 @@ class ResultScreen(PagedScreen[None]):
         """The comparison is there at once; the rest is worked out apart, once for all keys."""
         self.head(texts.result_heading(self.solved, self.path, self.model))
         if self.before is not None:
-            pair = self.before.solution, self.solved.solution
-            self.put("before-after", texts.comparison_text(*pair), before_and_after(*pair))
+            with self.app.complaining():  # either may have no view
+                pair = self.before.solution, self.solved.solution
+                self.put("before-after", texts.comparison_text(*pair), before_and_after(*pair))
         if not self.solved.is_worked_out:
             self.put("result", texts.WORKING_OUT)
             with self.app.complaining():
@@ -85,8 +86,10 @@ class ResultScreen(PagedScreen[None]):
     async def _show(self) -> None:
         if self.solved.is_worked_out:  # else it is shown when it is
             self._show_glance()
-            chart = measured_and_predicted(self.solved.solution)
             self.put("details", texts.solution_text(self.solved))
+            if (view := self.solved.view_solution) is None:
+                return  # there is nothing to draw; the details say why
+            chart = measured_and_predicted(view)
             self.put("result", None, chart)
             self.put("plot", None, chart)
         self.query_one(LegPlots).show(await apart(self, leg_figures, self.solved))
@@ -155,8 +158,11 @@ class ResultScreen(PagedScreen[None]):
 
         One of the model gets this size; any other one is for the diagnosis to adopt.
         """
+        if self.solved.view_solution is None:
+            self.app.complain(self.solved.choice.refused["joint-offsets"])
+            return
         sessions, subset = self.solved.sessions, self.solved.subset
-        pair = await tried(self, sessions, self.model, subset=self.solved.solution.subset)
+        pair = await tried(self, sessions, self.model, subset=subset)
         if pair is None:
             return
         _, entry = pair
@@ -185,5 +191,5 @@ def result_of(
     paths: Sequence[Path], model: Path | None = None, *, verified: bool = True
 ) -> ResultScreen:
     """That of sessions, with the effects of a model; with a plan where it may be ``verified``."""
-    solved = solve_files(paths, model=model)
+    solved = solve_files(paths, model=model, shown=False)
     return ResultScreen(solved, plan_to_repeat(paths[0]) if verified else None, paths[0], model)

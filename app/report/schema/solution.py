@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal
@@ -24,6 +25,7 @@ from app.report.schema.document import (
     Numbers,
     Report,
     Source,
+    V,
     by_name,
     finite,
     holes,
@@ -234,14 +236,22 @@ class SolutionResults:
     maps: tuple[PlaneMap, ...] | None = None
     simulated: MonteCarlo | None = None
 
-    @property
-    def solution(self) -> Solution:
-        """The view."""
-        return self.solved.solution
+
+_of_results = Source[SolutionResults]()
+
+
+def of_view(
+    getter: Callable[[Solution], V], words: str | None = None, *, asked: bool = False
+) -> V | None:
+    """A field of the view; null where the readings determine no set."""
+    return _of_results(lambda r: maybe(getter, r.solved.view_solution), words, asked=asked)
 
 
 class SolutionReport(Report):
-    """``solve --json``: `SessionSolution`; what was asked beyond it is there only then."""
+    """``solve --json``: `SessionSolution`; what was asked beyond it is there only then.
+
+    Where the readings determine no set, ``subset`` and all that is of the view is null.
+    """
 
     of = Source[SolutionResults]()
     schema_id: Literal["glidecal.solution/1"] = schema("glidecal.solution/1")
@@ -249,23 +259,23 @@ class SolutionReport(Report):
     measured: tuple[MeasuredSession, ...] = of(
         lambda r: tuple(map(MeasuredSession.of, r.solved.sessions)), "in the order of the sessions"
     )
-    method: Method = of(lambda r: r.solution.method)
-    weights: Weights = of(lambda r: r.solution.weights)
+    method: Method = of(lambda r: r.solved.choice.method)
+    weights: Weights = of(lambda r: r.solved.choice.weights)
     correction: CorrectionEntry = of(
         lambda r: CorrectionEntry.of(r.solved), "what is entered; parameters are a view"
     )
     lines: tuple[LineParameter, ...] = of(lambda r: r.solved.lines, f"lines of the drives; {LINES}")
-    subset: Subset = of(lambda r: r.solution.subset, "of the view")
-    parameters: dict[str, Parameter] = of(lambda r: r.solution.parameters)
-    covariance: Covariance = of(lambda r: Covariance.of(r.solution))
-    differences: dict[str, Difference] = of(
-        lambda r: r.solution.tabulated,
+    subset: Subset | None = of_view(lambda v: v.subset, "of the view")
+    parameters: dict[str, Parameter] | None = of_view(lambda v: v.parameters)
+    covariance: Covariance | None = of_view(lambda v: Covariance.of(v))
+    differences: dict[str, Difference] | None = of_view(
+        lambda v: v.tabulated,
         "up to twelve, keys axis_leg with + for Max and - for Min; y_x alone is Max minus Min; "
         "of the tool z(x, y, z) minus Zero",
     )
-    rms_before_mm: float = of(lambda r: r.solution.rms_before_mm, "over all differences")
-    rms_after_mm: float = of(lambda r: r.solution.rms_after_mm, "over all differences")
-    degrees_of_freedom: int = of(lambda r: r.solution.degrees_of_freedom)
+    rms_before_mm: float | None = of_view(lambda v: v.rms_before_mm, "over all differences")
+    rms_after_mm: float | None = of_view(lambda v: v.rms_after_mm, "over all differences")
+    degrees_of_freedom: int | None = of_view(lambda v: v.degrees_of_freedom)
     noise: ReadingNoise = of(lambda r: ReadingNoise.of(r.solved.noise))
     display_step_found_mm: float | None = of(
         lambda r: r.solved.display_found_mm,
@@ -277,35 +287,35 @@ class SolutionReport(Report):
     lost_readings: tuple[IsolatedReadingsEntry, ...] = of(
         lambda r: tuple(map(IsolatedReadingsEntry.of, r.solved.isolated))
     )
-    enlarged_by_lack_of_fit: float = of(
-        lambda r: r.solution.inflation,
+    enlarged_by_lack_of_fit: float | None = of_view(
+        lambda v: v.inflation,
         "factor on the standard deviation of the noise if what the model leaves is taken for "
         "noise; 1 if that is no more",
     )
-    expanded_with_lack_of_fit_mm: dict[str, float] = of(
-        lambda r: by_name(r.solution.names, r.solution.inflated_expanded_mm),
+    expanded_with_lack_of_fit_mm: dict[str, float] | None = of_view(
+        lambda v: by_name(v.names, v.inflated_expanded_mm),
         "expanded uncertainty (95 %) of each parameter then",
     )
-    expanded_with_tolerances_mm: dict[str, float] = of(
-        lambda r: by_name(r.solution.names, r.solution.expanded_with_tolerances_mm),
+    expanded_with_tolerances_mm: dict[str, float] | None = of_view(
+        lambda v: by_name(v.names, v.expanded_with_tolerances_mm),
         "expanded uncertainty (95 %) of each parameter with those outside the set off within "
         "their tolerance",
     )
-    difference_expanded_mm: Numbers | None = of(
-        lambda r: numbers(r.solution.expanded_of_difference_mm),
+    difference_expanded_mm: Numbers | None = of_view(
+        lambda v: numbers(v.expanded_of_difference_mm),
         "expanded uncertainty (95 %) of d_rho - d_L of x, y, z where the readings tell little of "
         "d_rho but that; else null",
     )
-    lack_of_fit: LackOfFitEntry = of(lambda r: _lack_of_fit(r.solution.lack_of_fit))
-    condition_number: float = of(lambda r: r.solution.condition_number)
-    weak_directions: tuple[Direction, ...] = of(lambda r: r.solution.weak_directions)
-    recommended_subset: Subset = of(
-        lambda r: r.solved.choice.usual,
+    lack_of_fit: LackOfFitEntry | None = of_view(lambda v: _lack_of_fit(v.lack_of_fit))
+    condition_number: float | None = of_view(lambda v: v.condition_number)
+    weak_directions: tuple[Direction, ...] | None = of_view(lambda v: v.weak_directions)
+    recommended_subset: Subset | None = of(
+        lambda r: r.solved.choice.usual if r.solved.choice.solutions else None,
         "the view where none is asked for; what is entered is correction",
     )
     reasons: tuple[str, ...] = of(lambda r: r.solved.choice.reasons, "why sets are missing")
-    effects: tuple[FittedSize, ...] | None = of(
-        lambda r: r.solution.sizes or None, "with --model", asked=True
+    effects: tuple[FittedSize, ...] | None = of_view(
+        lambda v: v.sizes or None, "with --model", asked=True
     )
     ambiguous_effects: tuple[str, ...] = of(
         lambda r: r.solved.ambiguous, "those of the model that are one of several that would do"

@@ -50,8 +50,9 @@ def glance_text(
     verdict = [] if before else [bound_sentence(correction, frame, tolerance_mm)]
     if tolerance_mm:
         verdict = [judged_sentence(judge(solved, tolerance_mm), verified=before is not None)]
-    if before:
-        verdict.append(comparison_sentence(before.solution, solved.solution))
+    views = (before and before.view_solution, solved.view_solution)
+    if views[0] and views[1]:
+        verdict.append(comparison_sentence(views[0], views[1]))
     caution = export_caution(solved) if Done.EXPORTED in actions else ""
     heading = "Add to the offsets in the controller:" if any(machine.entered_offsets_mm) else ""
     if not correction.helps:

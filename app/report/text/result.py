@@ -110,9 +110,8 @@ def line_parts(solved: SessionSolution) -> list[str | Table]:
 
 def view_parts(solved: SessionSolution) -> list[str | Table]:
     """One set of parameters as the papers identify it: a view, which is not what is entered."""
-    if not solved.choice.solutions:
+    if (solution := solved.view_solution) is None:
         return [f"View: none. {solved.choice.refused['joint-offsets']}"]
-    solution = solved.solution
     return [
         f"View: {SUBSET_WORDS[solution.subset]}, {_method_words(solution)}",
         verdict_words(solved),

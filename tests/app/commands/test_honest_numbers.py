@@ -11,10 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.screens.interface import Glidecal
+from app.screens.result import result_of
 from calib.arrays import conditions
 from calib.tripod.pipeline import Model
 from tests.app.cli import Run, glidecal
 from tests.conftest import LONG, SAMPLES, first_quick
+from tests.screens.driving import SIZE, said, text, until
 
 LEVELS = (0.0, 60.0, -100.0)
 Row = dict[str, Any]
@@ -136,15 +139,34 @@ def test_a_leg_in_micrometres_has_values_though_no_set_fits(tmp_path: Path) -> N
             row["value_mm"] = f"{1000.0 * float(row['value_mm']):g}"
     run = solved(tmp_path, table)
     assert run.status == 0, run.err
-    text = " ".join(run.out.split())
-    assert "µm recorded as mm (z)" in text
-    assert "View: none. exact identification: found no optimum within reach" in text
+    words = " ".join(run.out.split())
+    assert "µm recorded as mm (z)" in words
+    assert "View: none. exact identification: found no optimum within reach" in words
     out = tmp_path / "offsets.csv"
     assert glidecal("export", tmp_path / "t.jsonl", "--format", "csv", "-o", out).status == 0
     for line in out.read_text("utf-8").splitlines():
         if line.startswith("d_rho"):
             name, value, *_ = line.split(",")
-            assert f"{name} {float(value):+.4f} mm" in text
+            assert f"{name} {float(value):+.4f} mm" in words
+    document = json.loads(glidecal("solve", tmp_path / "t.jsonl", "--json").out)
+    assert document["subset"] is document["parameters"] is document["differences"] is None
+    for name, entry in document["correction"]["values"].items():
+        assert f"{name} {entry['value']:+.4f} mm" in words
+
+
+async def test_a_result_without_a_view_has_its_page(tmp_path: Path) -> None:
+    """The screen shows what ``solve`` writes; there is nothing to draw, and no key fails."""
+    table = rows(scatter_mm=0.002, digits=4)
+    for row in table:
+        if row["leg"] == "z":
+            row["value_mm"] = f"{1000.0 * float(row['value_mm']):g}"
+    assert solved(tmp_path, table).status == 0
+    interface = Glidecal(result_of([tmp_path / "t.jsonl"]))
+    async with interface.run_test(size=SIZE) as pilot:
+        await until(pilot, "the result", lambda: "d_rho" in text(interface, "#result-text"))
+        await until(pilot, "details", lambda: "View: none." in text(interface, "#details-text"))
+        await pilot.press("3", "4", "plus", "w")
+        await until(pilot, "refusal", lambda: "no optimum within reach" in said(interface))
 
 
 def test_a_reading_of_a_metre_gets_no_advice_that_fails_too(tmp_path: Path) -> None:

@@ -73,8 +73,11 @@ MOST_WRITTEN_BYTES = 1_000_000
 D = TypeVar("D", bound=BaseModel)
 
 
-def read_toml(path: Path, kind: type[D], subject: str) -> D:
-    """The document in a TOML file. Raises RecordError naming the file, the key and the value."""
+def read_toml(path: Path, kind: type[D], subject: str, next_step: str = "") -> D:
+    """The document in a TOML file. Raises RecordError naming the file, the key and the value.
+
+    ``next_step`` is for a text of another kind.
+    """
     text = read_text(path, subject, MOST_WRITTEN_BYTES)
     if is_deep(text):
         raise RecordError(f"{subject} {path}", "a key of very many parts", "TOML text")
@@ -83,7 +86,7 @@ def read_toml(path: Path, kind: type[D], subject: str) -> D:
         content = json.dumps(tomllib.loads(text), default=str)
     except (ValueError, RecursionError) as problem:
         raise RecordError(
-            f"{subject} {path}", str(problem), "TOML text", _comma(text, problem)
+            f"{subject} {path}", str(problem), "TOML text", _comma(text, problem) or next_step
         ) from problem
     try:
         return kind.model_validate_json(content)

@@ -384,6 +384,14 @@ def _unit_vector(vector: Triple) -> Triple:
     return x, y, z
 
 
+def _import_of(path: Path) -> str:
+    """What makes a machine file of a file that may be a firmware's; empty for ``.toml``."""
+    if path.suffix.lower() == ".toml":
+        return ""
+    written = "-o first.jsonl --machine-file-out printer.toml"
+    return f"If it is a printer's: glidecal import {path} {written}"
+
+
 def load_machine(name_or_path: Path | str | None) -> Machine:
     """A machine by name, or from a TOML file; None: the prototype of the papers.
 
@@ -395,7 +403,7 @@ def load_machine(name_or_path: Path | str | None) -> Machine:
         choices = f"{', '.join(machine_names())}, or the path of a machine file"
         raise UsageError("machine", repr(name), choices)
     try:
-        machine = read_toml(path, Machine, "machine file")
+        machine = read_toml(path, Machine, "machine file", _import_of(path))
     except RecordError as problem:
         schema = schema_of(read_text(path, "machine file"))
         if not schema.startswith("glidecal.") or schema == SCHEMA:

@@ -16,7 +16,7 @@ from protocols.record import read_record
 from protocols.session import fold
 from tests.app.cli import glidecal, refused
 from tests.blind.linear_delta import Hidden, table, tool
-from tests.conftest import LONG, ROOT
+from tests.conftest import LONG, ROOT, SAMPLES
 
 MACHINE = ("--machine", "linear-delta")
 PERFECT = Hidden()
@@ -151,6 +151,11 @@ def test_bad_files_end_with_the_documented_status(tmp_path: Path) -> None:
     path.write_text('schema = "glidecal.hexaslide/1"\n', encoding="utf-8")
     arguments = ("identifiability", "linear-delta", "--machine-file", path)
     assert "another kind of machine" in refused(3, *arguments)
+    firmware = SAMPLES / "printer" / "printer.cfg"
+    importing = f"glidecal import {firmware} -o first.jsonl --machine-file-out printer.toml"
+    assert importing in refused(3, "simulate", *out, "--machine", firmware)
+    path.write_text("[printer]\nkinematics: delta\n", encoding="utf-8")
+    assert "import" not in refused(3, "simulate", *out, "--machine", path)  # whatever else it is
     source = tmp_path / "t.csv"
     source.write_text("x_mm,y_mm,z_mm,value_mm\n0,0,0,0\n400,0,0,0\n", encoding="utf-8")
     assert "the bars reach" in refused(3, "import", source, *out, *MACHINE)

@@ -94,7 +94,7 @@ def test_groups_of_models_are_those_of_dense_matrices(seed: int) -> None:
         assert update.expected[:, j] == pytest.approx(true.expected)
     seen = generator.normal(size=READINGS)
     off = generator.normal(size=(SHOWN, 3))
-    for group, update, models in zip(groups, updated, dense, strict=True):
+    for update, models in zip(updated, dense, strict=True):
         count = len(models)
         means, squares = update.means(seen), update.squares(seen[:, None])[0]
         distances = update.distances(off[:, :count])

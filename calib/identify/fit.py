@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.arrays import EXACT_BLIND, Conditions, FloatArray, IntArray, Observations, without_zeros
+from calib.arrays import (
+    EXACT_BLIND,
+    TOOL,
+    Conditions,
+    FloatArray,
+    IntArray,
+    Observations,
+    without_zeros,
+)
 from calib.errors import NotIdentifiable, UnreachablePosture
 from calib.newton import Evaluate, Optimum, minimise
 from calib.tripod.differences import Differences, reading_matrix
@@ -151,12 +159,9 @@ def exact_fit(
     else:
         optimum = PlainFit.of(model, observed, free, weight).solve(observed.value_mm[:, None])
         if not optimum.converged[0]:
-            raise _no_optimum(
-                "no optimum within reach",
-                "Look for a wrong reading or unit: the diagnosis may name it.",
-            )
+            raise _no_optimum("no optimum within reach", observed)
         fitted = _moved_to(model, free, (), optimum.values[:, 0])
-    with within_reach():
+    with within_reach(observed):
         predicted, design = _predicted(fitted, observed, free, sizes)
     return Fit(fitted, design, predicted, _estimator(observed, weight, design))
 
@@ -199,14 +204,14 @@ def _at_rest(
     within = tolerance[: len(free)]
     least = np.where(np.isfinite(within), within, NO_TOLERANCE_MM)
     least = np.append(least, [size.tolerance for size in sizes])
-    with within_reach():
+    with within_reach(observed):
         evaluate = _evaluator(model, observed, free, sizes)
     for _ in range(MOST_STEPS):
-        with within_reach():
+        with within_reach(observed):
             predicted, design = evaluate(values)
         centred = without_zeros(observed, weight, design)
         pull = centred.T * weight
-        with within_reach():
+        with within_reach(observed):
             inverse = np.linalg.inv(pull @ centred + precision)
         estimator = np.asarray(inverse @ pull)
         step = estimator @ (observed.value_mm - predicted) + inverse @ precision @ (base - values)
@@ -216,7 +221,7 @@ def _at_rest(
             break
     else:
         if not (np.abs(step) < ROUNDING_STEP * least).all():
-            raise _no_optimum(f"no rest after {MOST_STEPS} steps")
+            raise _no_optimum(f"no rest after {MOST_STEPS} steps", observed)
     return Fit(_moved_to(model, free, sizes, values), design, predicted, estimator)
 
 
@@ -283,24 +288,36 @@ def _predicted(
 
 
 @contextmanager
-def within_reach() -> Iterator[None]:
+def within_reach(observed: Observations) -> Iterator[None]:
     """Where the legs cannot meet, or nothing shows a value, there is no optimum."""
     try:
         yield
     except UnreachablePosture as problem:
-        raise _no_optimum("only machines whose legs cannot meet") from problem
+        raise _no_optimum("only machines whose legs cannot meet", observed) from problem
     except np.linalg.LinAlgError as problem:
-        raise _no_optimum(str(problem)) from problem
+        raise _no_optimum(str(problem), observed) from problem
 
 
-def _no_optimum(
-    reason: str, next_step: str = "Look for a wrong reading or unit."
-) -> NotIdentifiable:
+def _no_optimum(reason: str, observed: Observations) -> NotIdentifiable:
     return NotIdentifiable(
         "exact identification",
         reason,
         "readings that some machine near the nominal one could give",
-        next_step,
+        f"Look for a wrong reading or unit, {_furthest_words(observed)}.",
+    )
+
+
+def _furthest_words(observed: Observations) -> str:
+    """The reading that is furthest from the median of its mounting."""
+    off_mm = np.zeros(len(observed))
+    for rows in observed.mountings:
+        off_mm[rows] = observed.value_mm[rows] - np.median(observed.value_mm[rows])
+    row = int(np.abs(off_mm).argmax())
+    axis = "XYZ"[observed.axis[row]]
+    place = "the tool" if observed.leg[row] == TOOL else f"leg {'XYZ'[observed.leg[row]]}"
+    return (
+        f"first at {place} along {axis}, {observed.posture_words(row)}: "
+        f"{observed.value_mm[row]:g} mm"
     )
 
 

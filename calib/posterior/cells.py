@@ -349,7 +349,7 @@ class Cells:
         case = self.case
         if not case.lines:
             return prior_fit(case.model, self.means, 1.0 / self.variance_mm2, case.spread_mm).model
-        with within_reach():
+        with within_reach(self.means):
             return self._fitted_beside_geometry()
 
     def _fitted_beside_geometry(self) -> Model:

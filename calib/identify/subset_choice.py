@@ -34,7 +34,7 @@ class SubsetChoice:
             raise solution
         return solution
 
-    def _every(self) -> dict[Subset, Solution | NotIdentifiable]:
+    def _by_subset(self) -> dict[Subset, Solution | NotIdentifiable]:
         return {subset: self._solution_or_reason(subset) for subset in SUBSETS}
 
     def _solution_or_reason(self, subset: Subset) -> Solution | NotIdentifiable:
@@ -53,7 +53,7 @@ class SubsetChoice:
         """Those of all sets that the readings determine."""
         return {
             subset: solution
-            for subset, solution in self._every().items()
+            for subset, solution in self._by_subset().items()
             if not isinstance(solution, NotIdentifiable)
         }
 
@@ -62,7 +62,7 @@ class SubsetChoice:
         """The reason for every set that they do not determine."""
         return {
             subset: reason
-            for subset, reason in self._every().items()
+            for subset, reason in self._by_subset().items()
             if isinstance(reason, NotIdentifiable)
         }
 

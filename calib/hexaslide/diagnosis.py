@@ -43,6 +43,9 @@ FEWEST_SPARE = 8
 SETTLED = 1.01
 """Below this mean square of what is left, noise that was not stated is as large as that."""
 
+MOST_LARGER = 20
+"""Steps to such a noise, each to what the one before leaves."""
+
 Names = tuple[tuple[str, str], ...]
 """Ids of causes with their places, sorted."""
 
@@ -112,8 +115,9 @@ class WeighedCauses:
     ``stated`` ``(c,)`` in unremarkable sizes for the columns of all causes. ``free`` tells of each
     entry what such sizes differ by, and is a part of all of them.
 
-    Where no model explains what is left of the stated noise, ``readings`` have one that is as large
-    as that, ``noise_times`` the stated one: false causes would else explain it.
+    Where no model explains what is left of the stated noise, or a larger noise does it better,
+    ``readings`` have one that is as large as that, ``noise_times`` the stated one: false causes
+    would else explain it.
     """
 
     readings: Readings
@@ -153,6 +157,11 @@ class WeighedCauses:
         logs = np.array([entry.log_weight for entry in self.entries])
         weights = np.exp(logs - logs.max())
         return np.asarray(weights / weights.sum())
+
+    @property
+    def log_evidence(self) -> float:
+        """Of all entries together."""
+        return float(np.logaddexp.reduce([entry.log_weight for entry in self.entries]))
 
     def index(self, entry: RaceEntry) -> IntArray:
         """Which of all columns of causes are a model's ``(r,)``."""
@@ -272,16 +281,21 @@ def weighed(
 
     Raises NotIdentifiable without stated noise, and as `calibrate`.
     """
-    times = 1.0
-    while True:
-        noisy = readings.noisier(times)
-        models = _weighed(noisy, nominal, tolerances, lead_m, adopted, middle)
-        if not models.entries:
-            break
-        square, p_value = models.mean_square(models.entries[0])  # still in this noise
-        if p_value >= UNLIKELY if times == 1.0 else square < SETTLED:
-            break
-        times *= square**0.5
+    models, times = _weighed(readings, nominal, tolerances, lead_m, adopted, middle), 1.0
+    left_over = models.mean_square(models.free)
+    if models.entries and left_over[1] < UNLIKELY:
+        noisy, larger = models, left_over[0] ** 0.5
+        for _ in range(MOST_LARGER):
+            other = readings.noisier(larger)
+            noisy = _weighed(other, nominal, tolerances, lead_m, adopted, middle)
+            square = noisy.mean_square(noisy.entries[0])[0]  # in this noise
+            if square < SETTLED:
+                break
+            larger *= square**0.5
+        unexplained = models.mean_square(models.entries[0])[1] < UNLIKELY
+        odds = math.log(OPEN) - models.spare * math.log(larger)
+        if unexplained or noisy.log_evidence + odds > models.log_evidence:
+            models, times = noisy, larger
     causes = tuple(
         replace(cause, size=times * cause.size) if cause.id == MISTAKE else cause
         for cause in models.causes

@@ -157,3 +157,15 @@ def test_too_few_readings_and_no_noise_tell_nothing() -> None:
     assert (diagnosis.verdict, diagnosis.claims, diagnosis.spare) == ("cannot-tell", (), 5)
     with pytest.raises(NotIdentifiable, match="no stated noise"):
         diagnosed(replace(few, length_noise_m=0.0, angle_noise_rad=0.0), FILE.whole(), tolerances)
+
+
+def test_a_larger_noise_is_a_rival_of_causes_that_would_explain_it() -> None:
+    """Twice the stated one in 24 places: of eight such machines causes explain it in this one."""
+    chance = np.random.default_rng(50_014)
+    true = Plain(FILE, chance)
+    readings = measured(true, FILE, "position", NOTHING, chance).take(np.arange(40) < 24)
+    more = 1e-5 * np.sqrt(3.0) * chance.standard_normal(readings.measured.shape)
+    noisy = replace(readings, measured=readings.measured + more)
+    models = weighed(noisy, FILE.whole(), FILE.tolerances.of(readings.procedure.parameters))
+    assert models.mean_square(models.free)[1] < 1e-3
+    assert models.noise_times == pytest.approx(2.0, abs=0.6)

@@ -124,8 +124,12 @@ def parameters_alone(calibrated: Calibration) -> Known:
 
 
 def lengths_alone(calibrated: Calibration) -> Known:
-    """`inner_lengths` ``(26,)``, m, by the noise alone."""
+    """`inner_lengths` ``(26,)``, m, by the noise alone; without it where more is open than frames:
+    what is left as it was is not known.
+    """
     lengths_m = np.asarray(inner_lengths(calibrated.machine.geometry))
+    if calibrated.left_open:
+        return Known(lengths_m, None, None)
     return _by_noise(calibrated, length_slopes(calibrated), lengths_m)
 
 

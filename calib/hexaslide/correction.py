@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.arrays import FloatArray
 from calib.hexaslide.causes import causes_of_machine
-from calib.hexaslide.checked import Known, inner_lengths, length_slopes
+from calib.hexaslide.checked import Known, inner_lengths, length_slopes, lengths_alone
 from calib.hexaslide.diagnosis import WeighedCauses
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.platform import Places, PlatformError
@@ -118,8 +118,10 @@ def known_of(
 
 
 def lengths_of(models: WeighedCauses) -> Known:
-    """`inner_lengths` ``(26,)``, m."""
+    """`inner_lengths` ``(26,)``, m; what is known of them as `lengths_alone` has it."""
     calibrated = models.calibrated
+    if calibrated.left_open:
+        return lengths_alone(calibrated)
     lengths_m = np.asarray(inner_lengths(calibrated.machine.geometry))
     return known_of(models, length_slopes(calibrated), lengths_m)
 

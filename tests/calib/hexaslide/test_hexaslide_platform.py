@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from calib.hexaslide.calibration import calibrate
-from calib.hexaslide.checked import frames_apart
+from calib.hexaslide.checked import frames_apart, lengths_alone
 from calib.hexaslide.expectation import Expectation, explanations, other_frame
 from calib.hexaslide.geometry import Box, forward_near
 from calib.hexaslide.platform import platform_error
@@ -70,15 +70,17 @@ def test_the_error_now_is_that_of_all_of_the_box() -> None:
     assert error.now.places_rms_m == pytest.approx(actual_m, rel=0.012)
 
 
-def test_poor_postures_have_no_bound() -> None:
+def test_poor_postures_have_no_bound_and_no_known_lengths() -> None:
     """More is lost than frames where all postures are one."""
     procedure = Procedure.of("pose-forward")
     generator = np.random.default_rng(1)
     truth = disturbed(NOMINAL, procedure, 1e-3, generator)
     centres = np.tile(NOMINAL.box.centre, (12, 1))
     readings = measure(procedure, NOMINAL, truth, centres, generator, length_noise_m=1e-5)
-    error = platform_error(NOMINAL, calibrate(replace(readings, angle_noise_rad=1e-5), NOMINAL))
+    calibration = calibrate(replace(readings, angle_noise_rad=1e-5), NOMINAL)
+    error = platform_error(NOMINAL, calibration)
     assert (error.bound_m, error.left_open) == (None, 43)
+    assert lengths_alone(calibration).expanded is None
 
 
 @pytest.mark.parametrize("name", first_quick(["position", "link-indicator"]))

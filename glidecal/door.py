@@ -207,20 +207,20 @@ def report(
     With the file of a ``certificate`` it is one; .xml is a digital one.
     """
     from app.evaluating.tolerance import check_tolerance
-    from app.report.certificate import read_head, reported_calibration
-    from app.report.pages.report import write_report
+    from app.report.certificate import read_head
+    from app.report.pages.report import source_of_legs, write_report
 
     check_tolerance(tolerance_mm)
     head = read_head(_path("certificate", certificate)) if certificate else None
-    results = partial(
-        reported_calibration,
+    source = partial(
+        source_of_legs,
         [_path("session", path) for path in sessions],
         model=_path("model", model) if model else None,
         after=_path("session after", after) if after else None,
         tolerance_mm=tolerance_mm,
         head=head,
     )
-    return write_report(results, _path("output", output), head, replace=replace)
+    return write_report(source, _path("output", output), head, replace=replace)
 
 
 def _given(sessions: Iterable[File | Session]) -> list[Session]:

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from app.report.certificate import reported_calibration
-from app.report.pages.report import write_report
+from app.report.pages.report import source_of_legs, write_report
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "pictures"
@@ -45,10 +44,10 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         before, after = demonstration(folder)
-        results = partial(reported_calibration, [before], after=after, tolerance_mm=0.25)
-        page = write_report(results, folder / "demo.html")
+        source = partial(source_of_legs, [before], after=after, tolerance_mm=0.25)
+        page = write_report(source, folder / "demo.html")
         photograph(page, "report_demo")
         published = ROOT / "sample_sessions" / "experiment_2_twelve.jsonl"
-        results = partial(reported_calibration, [published], tolerance_mm=0.5)
-        page = write_report(results, folder / "experiment.html")
+        source = partial(source_of_legs, [published], tolerance_mm=0.5)
+        page = write_report(source, folder / "experiment.html")
         photograph(page, "report_experiment_2")

@@ -43,7 +43,7 @@ from calib.errors import UsageError, extra
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.solution import TableName
-    from app.report.certificate import CertifiedResults
+    from app.report.pages.report import ReportSource
     from protocols.data_table import DataTable
 
 PASSWORD_VARIABLE = "GLIDECAL_KEY_PASSWORD"
@@ -423,8 +423,8 @@ def report(
     streamed = output == STANDARD_OUTPUT
     may = force if streamed else may_replace(force, output)
     with extra("glidecal report", "report"):
-        from app.report.certificate import read_head, reported_calibration
-        from app.report.pages.report import html_of, write_report
+        from app.report.certificate import read_head
+        from app.report.pages.report import html_of, source_of_legs, write_report
 
         head = read_head(certificate) if certificate else None
     key = None
@@ -433,16 +433,16 @@ def report(
             from app.report.dcc.signature import read_key
 
         key = read_key(sign, _key_password)
-    results: Callable[[], CertifiedResults] = partial(
-        reported_calibration, sessions, model=model, after=after, tolerance_mm=tolerance, head=head
+    source: Callable[[], ReportSource] = partial(
+        source_of_legs, sessions, model=model, after=after, tolerance_mm=tolerance, head=head
     )
     if verbs is not None:
-        results = partial(verbs.reported, sessions[0], after, tolerance, head)
+        source = partial(verbs.reported, sessions[0], after, tolerance, head)
     if streamed:
-        typer.echo(html_of(results().page()), nl=False)
+        typer.echo(html_of(source().page()), nl=False)
         return
     with working("Writing the report"):
-        path = write_report(results, output, head, key, replace=may)
+        path = write_report(source, output, head, key, replace=may)
     say(f"written: {path}")
 
 

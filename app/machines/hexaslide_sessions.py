@@ -28,7 +28,8 @@ from calib.printable import counted
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.hexaslide import PosturePlan, PostureTaking
-    from app.report.certificate import CertificateHead, CertifiedResults
+    from app.report.certificate import CertificateHead
+    from app.report.pages.report import ReportSource
     from drivers.line import IndicatorLine
     from protocols.files import Written
 
@@ -379,11 +380,11 @@ def compared(before: Path, after: Path) -> Answer:
 
 def reported(
     path: Path, after: Path | None, tolerance_mm: float | None, head: CertificateHead | None
-) -> CertifiedResults:
+) -> ReportSource:
     """The report to sign."""
-    from app.report.hexaslide_certificate import certified_postures
+    from app.report.pages.hexaslide import source_of_postures
 
-    return certified_postures(path, after, tolerance_mm, head)
+    return source_of_postures(path, after, tolerance_mm, head)
 
 
 SESSIONS = SessionVerbs(

@@ -19,7 +19,8 @@ from protocols.files import unreadable
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
-    from app.report.certificate import CertificateHead, CertifiedResults
+    from app.report.certificate import CertificateHead
+    from app.report.pages.report import ReportSource
     from app.report.schema.document import Report
     from app.screens import Look, MakeScreen
     from calib.design.criteria import Criterion
@@ -394,7 +395,7 @@ class SessionVerbs:
     verified: Callable[[Path, Path, float | None], tuple[Answer, str]]
     diagnosed: Callable[[Path, Diagnosing, Say], Answer]
     compared: Callable[[Path, Path], Answer]
-    reported: Callable[[Path, Path | None, float | None, CertificateHead | None], CertifiedResults]
+    reported: Callable[[Path, Path | None, float | None, CertificateHead | None], ReportSource]
     modelled: Callable[[Path, str, str], tuple[str, str]]
 
 

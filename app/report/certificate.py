@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import Field
 
-from app.evaluating.comparison import Verification, reported_pair, verify_files
+from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
 from app.evaluating.loading import records_in_order
 from app.evaluating.solution import Judgement, SessionSolution, judge, solve_files
@@ -24,10 +23,6 @@ from protocols.documents import MOST_BYTES, Document, Name, read_bytes, read_rem
 from protocols.files import write_files
 from protocols.machine import Machine
 from protocols.session import Session
-
-if TYPE_CHECKING:  # of one document alone
-    from app.report.dcc.document import CertificateContents
-    from app.report.pages.contents import CalibrationReport
 
 MOST_LOGO_BYTES, MOST_LOGO_PIXELS = 1_000_000, 20_000_000
 DIGEST_LETTERS = 12
@@ -57,78 +52,19 @@ class CertificateHead:
     logo: Logo | None
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class CertifiedResults(ABC):
-    """Results of sessions that a report or a certificate states, whichever kind of machine it is.
-
-    ``tolerance_mm`` is what they are judged by, if anything. Without ``head`` nobody certifies
-    them.
-    """
-
-    tolerance_mm: float | None
-    head: CertificateHead | None = None
-
-    @property
-    @abstractmethod
-    def recorded_serial_number(self) -> str | None:
-        """Of the machine, as its record states it."""
-
-    @property
-    @abstractmethod
-    def digests(self) -> tuple[str, ...]:
-        """Of the records, in their order."""
-
-    @abstractmethod
-    def page(self) -> CalibrationReport:
-        """The report to read and sign."""
-
-    @abstractmethod
-    def certificate(self) -> CertificateContents:
-        """What the digital certificate says. Raises UsageError where it may not be written."""
-
-    @property
-    def serial_numbers(self) -> tuple[str, ...]:
-        """Of the machine: as the order states it, and as the record does where that is another."""
-        ordered = self.head.order.machine.serial_number if self.head else None
-        return tuple(dict.fromkeys(filter(None, (ordered, self.recorded_serial_number))))
-
-    @property
-    def identification(self) -> str:
-        """What stands on every page: the number, or the beginning of the last record's digest."""
-        if self.head:
-            return f"Certificate {self.head.order.number}"
-        return f"Record {self.digests[-1][:DIGEST_LETTERS]}"
-
-    @property
-    def terms(self) -> str:
-        """What results and decision depend on beside the records."""
-        limit_mm = self.tolerance_mm
-        return "no tolerance" if limit_mm is None else f"tolerance {limit_mm:g} mm"
-
-
 @dataclass(frozen=True, eq=False)
-class CertifiedCalibration(CertifiedResults):
+class CertifiedCalibration:
     """The results of sessions, and of a later one with the values entered.
 
-    ``model`` is the file of effects that were fitted, too.
+    ``model`` is the file of effects that were fitted, too. Without ``head`` nobody certifies it.
     """
 
     solved: SessionSolution
     diagnosed: SessionDiagnosis
     verified: Verification | None
+    tolerance_mm: float | None
+    head: CertificateHead | None
     model: Path | None = None
-
-    def page(self) -> CalibrationReport:
-        """The report of results that are there."""
-        from app.report.pages.contents import report_from  # its figures load matplotlib
-
-        return report_from(self)
-
-    def certificate(self) -> CertificateContents:
-        """Raises as `check_head`."""
-        from app.report.dcc.legs import contents_of
-
-        return contents_of(self)
 
     @property
     def machine(self) -> Machine:
@@ -136,9 +72,9 @@ class CertifiedCalibration(CertifiedResults):
         return self.solved.sessions[0].opened.machine
 
     @property
-    def recorded_serial_number(self) -> str | None:
-        """Of the machine, as the first record states it."""
-        return self.machine.serial_number
+    def serial_numbers(self) -> tuple[str, ...]:
+        """As `serial_numbers_of`."""
+        return serial_numbers_of(self.head, self.machine.serial_number)
 
     @property
     def sessions(self) -> tuple[Session, ...]:
@@ -204,12 +140,34 @@ class CertifiedCalibration(CertifiedResults):
         return decided(self.verified) if self.verified else self.judged_words
 
     @property
+    def identification(self) -> str:
+        """As `identification_of`."""
+        return identification_of(self.head, self.digests)
+
+    @property
     def terms(self) -> str:
-        """With the digest of the model, too."""
+        """As `terms_of`, with the digest of the model."""
+        terms = terms_of(self.tolerance_mm)
         if self.model is None:
-            return super().terms
+            return terms
         content = read_bytes(self.model, "model file", MOST_BYTES)
-        return f"{super().terms}, model {sha256(content).hexdigest()[:DIGEST_LETTERS]}"
+        return f"{terms}, model {sha256(content).hexdigest()[:DIGEST_LETTERS]}"
+
+
+def terms_of(tolerance_mm: float | None) -> str:
+    """What results and decision of a certificate depend on beside its records."""
+    return "no tolerance" if tolerance_mm is None else f"tolerance {tolerance_mm:g} mm"
+
+
+def serial_numbers_of(head: CertificateHead | None, recorded: str | None) -> tuple[str, ...]:
+    """Of the machine: as the order states it, and as the record does where that is another."""
+    ordered = head.order.machine.serial_number if head else None
+    return tuple(dict.fromkeys(filter(None, (ordered, recorded))))
+
+
+def identification_of(head: CertificateHead | None, digests: Sequence[str]) -> str:
+    """What stands on every page: the number, or the beginning of the last record's digest."""
+    return f"Certificate {head.order.number}" if head else f"Record {digests[-1][:DIGEST_LETTERS]}"
 
 
 def calibration_of(
@@ -232,24 +190,7 @@ def calibration_of(
         tolerance_mm = verified.tolerance_mm
     elif tolerance_mm is None:
         tolerance_mm = solved.sessions[-1].opened.machine.tool_tolerance_mm
-    return CertifiedCalibration(
-        solved, diagnosed, verified, model, tolerance_mm=tolerance_mm, head=head
-    )
-
-
-def reported_calibration(
-    sessions: Sequence[Path],
-    *,
-    model: Path | None = None,
-    after: Path | None = None,
-    tolerance_mm: float | None = None,
-    head: CertificateHead | None = None,
-) -> CertifiedCalibration:
-    """As `calibration_of`; a single session as `reported_pair` has it."""
-    if len(sessions) == 1 and after is None:
-        first, after = reported_pair(sessions[0])
-        sessions = [first]
-    return calibration_of(sessions, model=model, after=after, tolerance_mm=tolerance_mm, head=head)
+    return CertifiedCalibration(solved, diagnosed, verified, tolerance_mm, head, model)
 
 
 class IssuedNumbers(Document):

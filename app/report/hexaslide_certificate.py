@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from app.evaluating.hexaslide import PostureResult, posture_result
 from app.evaluating.hexaslide_calibration import (
@@ -15,13 +14,14 @@ from app.evaluating.hexaslide_calibration import (
 )
 from app.evaluating.posture_history import Decision
 from app.evaluating.tolerance import check_tolerance
-from app.report.certificate import CertificateHead, CertifiedResults
+from app.report.certificate import (
+    CertificateHead,
+    identification_of,
+    serial_numbers_of,
+    terms_of,
+)
 from protocols.hexaslide_session import PostureSession, read_postures
 from protocols.record import Record
-
-if TYPE_CHECKING:  # of one document alone
-    from app.report.dcc.document import CertificateContents
-    from app.report.pages.contents import CalibrationReport
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,23 +34,16 @@ class VerifyingSession:
 
 
 @dataclass(frozen=True, eq=False)
-class CertifiedPostures(CertifiedResults):
-    """The results of a session, and of a ``later`` one with the calibrated machine entered."""
+class CertifiedPostures:
+    """The results of a session, and of a ``later`` one with the calibrated machine entered.
+
+    ``stated_mm`` is the tolerance that was given. Without ``head`` nobody certifies it.
+    """
 
     result: PostureResult
     later: VerifyingSession | None = None
-
-    def page(self) -> CalibrationReport:
-        """The report of results that are there."""
-        from app.report.pages.hexaslide import report_page  # its figures load matplotlib
-
-        return report_page(self)
-
-    def certificate(self) -> CertificateContents:
-        """Raises as `check_head`."""
-        from app.report.dcc.hexaslide import contents_of
-
-        return contents_of(self)
+    stated_mm: float | None = None
+    head: CertificateHead | None = None
 
     @property
     def solved(self) -> CalibratedMachine:
@@ -58,14 +51,21 @@ class CertifiedPostures(CertifiedResults):
         return self.result.solved
 
     @property
-    def recorded_serial_number(self) -> str | None:
-        """Of the machine, as the record states it."""
-        return self.solved.source.machine.serial_number
+    def tolerance_mm(self) -> float | None:
+        """Of the platform: that of the verification, else as given, else of the machine file."""
+        if self.later is not None:
+            return self.later.verified.tolerance_mm
+        return self.stated_mm or self.solved.source.machine.platform_tolerance_mm
 
     @property
     def decision(self) -> Decision | None:
         """On the platform as it was measured; None without a tolerance."""
         return None if self.tolerance_mm is None else decided(self.solved, self.tolerance_mm)
+
+    @property
+    def serial_numbers(self) -> tuple[str, ...]:
+        """As `serial_numbers_of`."""
+        return serial_numbers_of(self.head, self.solved.source.machine.serial_number)
 
     @property
     def sessions(self) -> tuple[tuple[PostureSession, Record], ...]:
@@ -78,6 +78,16 @@ class CertifiedPostures(CertifiedResults):
         """Of the records, in their order."""
         return tuple(record.digest for _, record in self.sessions)
 
+    @property
+    def terms(self) -> str:
+        """As `terms_of`."""
+        return terms_of(self.tolerance_mm)
+
+    @property
+    def identification(self) -> str:
+        """As `identification_of`."""
+        return identification_of(self.head, self.digests)
+
 
 def certified_postures(
     path: Path,
@@ -85,18 +95,10 @@ def certified_postures(
     tolerance_mm: float | None = None,
     head: CertificateHead | None = None,
 ) -> CertifiedPostures:
-    """Of a session and a later one, judged by the tolerance that is given, or else that of the
-    machine file, the later one's where there is one.
-
-    Raises as `posture_result` and `verify_sessions`.
-    """
+    """Of a session and a later one. Raises as `posture_result` and `verify_sessions`."""
     check_tolerance(tolerance_mm)
     later = None
     if after is not None:
         verified = verify_sessions(path, after, tolerance_mm)
         later = VerifyingSession(*read_postures(after), verified)
-        tolerance_mm = verified.tolerance_mm
-    result = posture_result(path)
-    if later is None:
-        tolerance_mm = tolerance_mm or result.solved.source.machine.platform_tolerance_mm
-    return CertifiedPostures(result, later, tolerance_mm=tolerance_mm, head=head)
+    return CertifiedPostures(posture_result(path), later, tolerance_mm, head)

@@ -112,10 +112,9 @@ class HexaSlideResultScreen(PagedScreen[None]):
 def _report(result: PostureResult, target: Path, *, replace: bool) -> Path:
     with extra("the report", "report"):
         from app.report.hexaslide_certificate import CertifiedPostures
+        from app.report.pages.hexaslide import source_from
         from app.report.pages.report import write_report
-    tolerance_mm = result.solved.source.machine.platform_tolerance_mm
-    certified = CertifiedPostures(result, tolerance_mm=tolerance_mm)
-    return write_report(lambda: certified, target, replace=replace)
+    return write_report(lambda: source_from(CertifiedPostures(result)), target, replace=replace)
 
 
 class PostureWhatIfScreen(SizesScreen[None, CauseAtSize]):

@@ -182,9 +182,8 @@ class ResultScreen(PagedScreen[None]):
 
 def _report(path: Path, target: Path, *, replace: bool) -> Path:
     with extra("glidecal report", "report"):
-        from app.report.certificate import reported_calibration
-        from app.report.pages.report import write_report
-    return write_report(partial(reported_calibration, [path]), target, replace=replace)
+        from app.report.pages.report import source_of_legs, write_report
+    return write_report(partial(source_of_legs, [path]), target, replace=replace)
 
 
 def result_of(

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.table import Table
 
 from app.evaluating.hexaslide import PostureResult
 from app.evaluating.hexaslide_calibration import CalibratedMachine, VerifiedMachine
 from app.evaluating.posture_history import Decision
-from app.report.certificate import NOT_JUDGED
+from app.report.certificate import NOT_JUDGED, CertificateHead
 from app.report.charts.hexaslide import drawn_machine, residual_charts
-from app.report.hexaslide_certificate import CertifiedPostures
+from app.report.hexaslide_certificate import CertifiedPostures, certified_postures
 from app.report.pages.contents import CalibrationReport
 from app.report.pages.figures import drawings_svg, svg_of
+from app.report.pages.report import ReportSource
 from app.report.pages.two_pages import (
     SIMULATED,
     Picture,
@@ -46,6 +49,9 @@ from protocols.dates import day_words
 from protocols.hexaslide import Chain, HexaSlideMachine, machine_like
 from protocols.hexaslide_session import PostureSession
 
+if TYPE_CHECKING:  # of a digital certificate alone
+    from app.report.dcc.document import CertificateContents
+
 RULE = (
     "Pass: the error of the platform and its 95 % bound together are within the tolerance, and no "
     "more is left of the readings than noise. Fail: the error less its bound exceeds the "
@@ -65,6 +71,32 @@ NOT_VERIFIED = (
 )
 LONGEST = 400
 """Letters of a sentence on the pages that are signed: seven motions of frames have room."""
+
+
+def source_of_postures(
+    path: Path,
+    after: Path | None = None,
+    tolerance_mm: float | None = None,
+    head: CertificateHead | None = None,
+) -> ReportSource:
+    """Of a session, with what a later one says of the machine that was entered.
+
+    Raises as `certified_postures`.
+    """
+    return source_from(certified_postures(path, after, tolerance_mm, head))
+
+
+def source_from(certified: CertifiedPostures) -> ReportSource:
+    """Of results that are there."""
+
+    def certificate() -> CertificateContents:
+        from app.report.dcc.hexaslide import contents_of
+
+        return contents_of(certified)
+
+    return ReportSource(
+        certified.digests, certified.terms, lambda: report_page(certified), certificate
+    )
 
 
 def report_page(certified: CertifiedPostures) -> CalibrationReport:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from base64 import b64encode
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,15 +14,17 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from rich.console import RenderableType
 from rich.table import Column, Table
 
-from app.report.certificate import CertificateHead, CertifiedResults, issue_number
-from app.report.pages.contents import CalibrationReport
+from app.evaluating.comparison import reported_pair
+from app.report.certificate import CertificateHead, calibration_of, issue_number
+from app.report.pages.contents import CalibrationReport, report_from
 from app.report.pages.history import HistoryPage
 from app.report.pages.two_pages import shortened
 from calib.errors import UsageError
 from calib.printable import printable
 from protocols.files import check_targets, write_files
 
-if TYPE_CHECKING:  # of a digital certificate alone: the extra sign
+if TYPE_CHECKING:  # of a digital certificate alone, and of the extra sign
+    from app.report.dcc.document import CertificateContents
     from app.report.dcc.signature import SigningKey
 
 ENDINGS = (".html", ".pdf", ".xml")
@@ -143,8 +146,50 @@ def pdf_of(html: str) -> bytes:
     return printed
 
 
+@dataclass(frozen=True)
+class ReportSource:
+    """Results of records, as a page and as a digital certificate.
+
+    ``digests`` are the records', ``terms`` what the results depend on beside them.
+    """
+
+    digests: tuple[str, ...]
+    terms: str
+    page: Callable[[], CalibrationReport]
+    certificate: Callable[[], CertificateContents]
+
+
+def source_of_legs(
+    sessions: Sequence[Path],
+    *,
+    model: Path | None = None,
+    after: Path | None = None,
+    tolerance_mm: float | None = None,
+    head: CertificateHead | None = None,
+) -> ReportSource:
+    """Of sessions of a machine with three drives; a single one as `reported_pair` has it.
+
+    Raises as `calibration_of`.
+    """
+    if len(sessions) == 1 and after is None:
+        first, after = reported_pair(sessions[0])
+        sessions = [first]
+    calibration = calibration_of(
+        sessions, model=model, after=after, tolerance_mm=tolerance_mm, head=head
+    )
+
+    def certificate() -> CertificateContents:
+        from app.report.dcc.legs import contents_of
+
+        return contents_of(calibration)
+
+    return ReportSource(
+        calibration.digests, calibration.terms, lambda: report_from(calibration), certificate
+    )
+
+
 def write_report(
-    results: Callable[[], CertifiedResults],
+    source: Callable[[], ReportSource],
     output: Path,
     head: CertificateHead | None = None,
     key: SigningKey | None = None,
@@ -154,7 +199,7 @@ def write_report(
     """Write a report to a path that ends with ``.html``, ``.pdf`` or ``.xml``.
 
     With ``head`` it is a certificate; XML is a digital one, signed with ``key`` where there is one.
-    Raises UsageError for another ending, and as ``results``, `issue_number`, `check_head` and
+    Raises UsageError for another ending, and as ``source``, `issue_number`, `check_head` and
     `write_files`.
     """
     check_output(output, replace=replace)
@@ -163,19 +208,18 @@ def write_report(
         from app.report.dcc.document import certificate_xml, check_head
 
         check_head(head)
-    certified = results()
-    issue_number(head, certified.digests, certified.terms)
-    content: str | bytes
+    results = source()
+    issue_number(head, results.digests, results.terms)
     if not digital:
-        html = html_of(certified.page())
+        html = html_of(results.page())
         content = pdf_of(html) if output.suffix == ".pdf" else html
-    else:
-        content = certificate_xml(certified.certificate())
-        if key:
-            from app.report.dcc.signature import signed
+        return write_files(output, {"": content}, replace=replace)[0]
+    xml = certificate_xml(results.certificate())
+    if key:
+        from app.report.dcc.signature import signed
 
-            content = signed(content, key)
-    return write_files(output, {"": content}, replace=replace)[0]
+        return write_files(output, {"": signed(xml, key)}, replace=replace)[0]
+    return write_files(output, {"": xml}, replace=replace)[0]
 
 
 def check_output(output: Path, *, replace: bool) -> None:

@@ -16,7 +16,7 @@ from app.evaluating.hexaslide_calibration import calibrate_file, verify_sessions
 from app.evaluating.history import read_history
 from app.machines.registry import LOOKS
 from app.report.hexaslide_certificate import certified_postures
-from app.report.pages.hexaslide import RULE
+from app.report.pages.hexaslide import RULE, report_page, source_of_postures
 from app.report.pages.report import html_of
 from app.report.text.hexaslide_calibration import deciding_figures
 from calib.hexaslide.checked import frames_apart
@@ -78,7 +78,7 @@ def test_a_later_session_decides(pair: tuple[Path, Path], tmp_path: Path) -> Non
     run = glidecal("report", before, "--after", after, "-o", output)
     assert run.status == 0, run.err
     assert output.read_bytes().startswith(b"%PDF")
-    text = words(html_of(certified_postures(before, after).page()))
+    text = words(html_of(source_of_postures(before, after).page()))
     assert text.count("PASS") == 2, "as the decision, and where it was verified"
     assert f"tolerance {TOLERANCE_MM:g} mm" in text
     streamed = glidecal("report", before, "--after", after, "-o", "-")
@@ -98,7 +98,7 @@ def test_the_report_judges_by_the_tolerance_of_its_verification(
     certified = certified_postures(before, other)
     assert certified.later is not None
     assert certified.tolerance_mm == certified.later.verified.tolerance_mm == 0.07
-    text = words(html_of(certified.page()))
+    text = words(html_of(report_page(certified)))
     assert "PASS, measured again" in text
     assert "tolerance 0.07 mm" in text
     assert "tolerance of the platform 0.07 mm r.m.s." in text
@@ -114,11 +114,11 @@ def test_nothing_is_entered_that_is_not_shown_to_be_better(
     """Of a machine file that is true the session says to keep it; so does its report."""
     truth = simulated_truth(read_postures(pair[0])[0])
     path = posture_session(tmp_path / "k.jsonl", "position", 12, truth, truth)
-    report = words(html_of(certified_postures(path).page()))
+    report = words(html_of(source_of_postures(path).page()))
     assert "Keep the file, or measure more" in report
     assert report.count("Change nothing in the controller") == 2
     assert "Enter the calibrated machine" not in report
-    assert "Enter the calibrated machine" in words(html_of(certified_postures(pair[0]).page()))
+    assert "Enter the calibrated machine" in words(html_of(source_of_postures(pair[0]).page()))
 
 
 def test_what_fits_badly_does_not_pass_and_says_why(
@@ -179,7 +179,7 @@ def test_too_few_spare_readings_are_said(tmp_path: Path) -> None:
     result = posture_result(tmp_path / "n.jsonl")
     assert result.diagnosis is None
     assert "NOT DIAGNOSED. diagnosis: found no stated noise" in words(
-        html_of(certified_postures(tmp_path / "n.jsonl").page())
+        html_of(source_of_postures(tmp_path / "n.jsonl").page())
     )
 
 
@@ -189,7 +189,7 @@ def test_strange_names_stay_texts(tmp_path: Path) -> None:
     machine = session.opened.machine.model_copy(update={"name": "<script>a</script>\u202e{{ 7 }}"})
     opened = session.opened.model_copy(update={"machine": machine, "operator": "[red]x<b>"})
     write_whole(tmp_path / "h.jsonl", opened, list(record.events[1:-1]), POSTURE_FORM)
-    page = html_of(certified_postures(tmp_path / "h.jsonl").page())
+    page = html_of(source_of_postures(tmp_path / "h.jsonl").page())
     assert "<script" not in page
     assert "\u202e" not in page
     assert "&lt;script&gt;a&lt;/script&gt;" in page
@@ -273,7 +273,7 @@ def test_a_wrong_posture_does_not_spoil_the_machine(procedure: str, tmp_path: Pa
     assert truly_off_mm(wrong) < 1.5 * truly_off_mm(sound)
     assert solved.platform.bound_m is not None
     assert truly_off_mm(wrong) < 1000.0 * solved.platform.bound_m < 0.03
-    text = words(html_of(certified_postures(wrong).page()))
+    text = words(html_of(source_of_postures(wrong).page()))
     assert "LEFT OUT: posture 7. The diagnosis names a mistake there." in text
     assert "posture 7 read or taken wrong" in text
     postures = json.loads(glidecal("solve", wrong, "--json").out)["postures"]

@@ -12,7 +12,7 @@ import pytest
 
 from app.report.certificate import read_head
 from app.report.dcc.document import certificate_xml
-from app.report.hexaslide_certificate import certified_postures
+from app.report.pages.hexaslide import source_of_postures
 from app.report.pages.report import html_of
 from calib.hexaslide.geometry import Geometry
 from protocols.hexaslide import HexaSlideMachine, load_hexaslide
@@ -48,8 +48,8 @@ def order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def written(order: Path, session: Path, after: Path | None = None) -> str:
-    certified = certified_postures(session, after, None, read_head(order))
-    return certificate_xml(certified.certificate())
+    source = source_of_postures(session, after, None, read_head(order))
+    return certificate_xml(source.certificate())
 
 
 def stewart() -> HexaSlideMachine:
@@ -176,5 +176,5 @@ def test_without_the_certificate_of_an_instrument_nothing_is_traceable(
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     tracker = TRACKER.replace('certificate = "K-2026-88"\n', "")
     order = laboratory(tmp_path, monkeypatch, order=ORDER + tracker)
-    page = html_of(certified_postures(before, head=read_head(order)).page())
+    page = html_of(source_of_postures(before, head=read_head(order)).page())
     assert "Traceability to the SI is not shown: not every instrument has a certificate." in page

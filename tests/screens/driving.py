@@ -78,10 +78,10 @@ def numbers(screen: Screen[Any]) -> list[str]:
 
 
 async def until(pilot: Pilot[str], what: str, condition: object) -> None:
-    """Wait until the condition holds; says what did not happen."""
+    """Wait until the condition holds, and screens have their parts; says what did not happen."""
     assert callable(condition)
     for _ in range(PATIENCE):
-        if condition():
+        if condition() and all(screen.is_mounted for screen in pilot.app.screen_stack):
             return
         await pilot.pause(0.02)
     pytest.fail(f"did not happen: {what}")

@@ -58,7 +58,8 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
     along, by_axes = models.directions, models.directions / models.sizes
     # parameters beside an effect give way; those that are entered imitate it over the box
     given_way = models.given_way
-    some = Places.of(reference, machine, free, IMITATED_AT, IMITATED_AT)
+    # in the frame as it was measured: what is laid over is not moved for nothing
+    some = Places.of(reference, machine, calibrated.unidentifiable, IMITATED_AT, IMITATED_AT)
     imitated = np.linalg.pinv(moved_by(models, some) @ along, rcond=IMITATED)
     # a place is come to from either side, so that no parameter imitates play
     still = np.zeros((some.count, 1))

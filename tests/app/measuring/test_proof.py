@@ -162,7 +162,7 @@ def test_each_carriage_is_proved_before_anything_longer(controller: str, tmp_pat
                 "Sent carriage X 5 mm outward, .*carriage Y move[sd] in its place",
             ),
             (times(1.0, 1 / 25.4, 1.0), "Sent carriage Y .*(0.0. times as far|or none did)"),
-            (times(1.0, 2.0, 2.0), "Sent carriage Y .*(it goes too far|2.0. times as far)"),
+            (times(1.0, 2.0, 2.0), "Sent carriage Y .*it goes too far"),
             (times(1.0, 1.0, 0.5), "Sent carriage Z .*0.5[01] times as far"),
             (times(1.0, 1.1, 1.0), "Sent carriage Y .*(it goes too far|1.1. times as far)"),
             (times(1.0, 0.9, 1.0), "Sent carriage Y .*0.9. times as far"),

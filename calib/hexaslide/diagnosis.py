@@ -284,14 +284,14 @@ def weighed(
     models, times = _weighed(readings, nominal, tolerances, lead_m, adopted, middle), 1.0
     left_over = models.mean_square(models.free)
     if models.entries and left_over[1] < UNLIKELY:
-        noisy, larger = models, left_over[0] ** 0.5
+        noisy, larger, square = models, 1.0, left_over[0]
         for _ in range(MOST_LARGER):
+            larger *= square**0.5
             other = readings.noisier(larger)
             noisy = _weighed(other, nominal, tolerances, lead_m, adopted, middle)
             square = noisy.mean_square(noisy.entries[0])[0]  # in this noise
             if square < SETTLED:
                 break
-            larger *= square**0.5
         unexplained = models.mean_square(models.entries[0])[1] < UNLIKELY
         odds = math.log(OPEN) - models.spare * math.log(larger)
         if unexplained or noisy.log_evidence + odds > models.log_evidence:

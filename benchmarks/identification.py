@@ -45,19 +45,19 @@ def table() -> list[str]:
 
 def one_session() -> list[str]:
     """One standard session by several solvers, from zero, same residual."""
-    observed = to_observations([fold(read_record(SAMPLE).events)])
-    unknown = len(PARAMETER_NAMES) + observed.mount_count
+    observations = to_observations([fold(read_record(SAMPLE).events)])
+    unknown = len(PARAMETER_NAMES) + observations.mount_count
 
     def residual(x: FloatArray) -> FloatArray:
-        modelled = simulate(Model().geometry, x[:6], observed) + x[6:][observed.mount]
-        return np.asarray(modelled - observed.value_mm)
+        modelled = simulate(Model().geometry, x[:6], observations) + x[6:][observations.mount]
+        return np.asarray(modelled - observations.value_mm)
 
-    fit = PlainFit.of(Model(), observed, SUBSETS["both"], observed.averaged)
-    values = observed.value_mm[:, None]
+    fit = PlainFit.of(Model(), observations, SUBSETS["both"], observations.averaged)
+    values = observations.value_mm[:, None]
     ours = _ours(fit.solve(values))
     rows: list[tuple[str, float, FloatArray]] = [
         ("glidecal, design prepared", seconds(lambda: fit.solve(values), 21), ours),
-        ("glidecal, design made anew", seconds(lambda: _anew(observed), 21), ours),
+        ("glidecal, design made anew", seconds(lambda: _anew(observations), 21), ours),
     ]
     peers = _peers(residual, unknown) | {
         "scipy, our 18 means and derivatives": lambda: _scipy_on_means(fit, values)
@@ -85,9 +85,9 @@ def _ours(optimum: Optimum) -> FloatArray:
     return optimum.values[:, 0]
 
 
-def _anew(observed: Observations) -> Optimum:
-    fit = PlainFit.of(Model(), observed, SUBSETS["both"], observed.averaged)
-    return fit.solve(observed.value_mm[:, None])
+def _anew(observations: Observations) -> Optimum:
+    fit = PlainFit.of(Model(), observations, SUBSETS["both"], observations.averaged)
+    return fit.solve(observations.value_mm[:, None])
 
 
 def _peers(
@@ -184,8 +184,8 @@ def many_sessions() -> list[str]:
 
 def identify_so_many(count: int) -> None:
     """Identify simulated sessions chunk by chunk; print seconds, peak MB and failures."""
-    observed = to_observations([fold(read_record(SAMPLE).events)])
-    fit = PlainFit.of(Model(), observed, SUBSETS["both"], observed.averaged)
+    observations = to_observations([fold(read_record(SAMPLE).events)])
+    fit = PlainFit.of(Model(), observations, SUBSETS["both"], observations.averaged)
     place = np.argmax(fit.average > 0.0, axis=0)
     generator = np.random.default_rng(1)
     time_s, failed, chunk = 0.0, 0, 20_000

@@ -83,12 +83,12 @@ def direct_kinematics() -> list[str]:
 
 def whole_identification() -> list[str]:
     """One standard session from readings to a result with uncertainties and checks."""
-    observed = to_observations([fold(read_record(SAMPLE).events)])
+    observations = to_observations([fold(read_record(SAMPLE).events)])
     model = Model()
     within_mm = np.full(len(PARAMETER_NAMES), TOLERANCE_MM)
 
     def identified(method: Method) -> Solution:
-        case = IdentificationCase.of(model, observed, IndicatorFigures())
+        case = IdentificationCase.of(model, observations, IndicatorFigures())
         return identify(case, "both", method, tolerance_mm=within_mm)
 
     exact = seconds(lambda: identified("exact"), 21)

@@ -158,26 +158,26 @@ CONTACT_FROM_MM = 1.0
 """A tool that meets a plate came to it along the axis, if nothing else is stated from so far."""
 
 
-def _repeated(observed: Observations) -> Observations:
+def _repeated(observations: Observations) -> Observations:
     """Contacts of one place as repeats: at the mean of their positions.
 
     A tool that was sent a little higher than the mean of its repeats is so much higher there: a
     machine that is off by 5 mm in 1 m changes that by half a percent.
     """
-    value_mm, position_mm = observed.value_mm.copy(), observed.position_mm.copy()
-    touching = np.flatnonzero(observed.contact)
-    alike = numbered(observed.mount[touching], observed.axis[touching], value_mm[touching])
+    value_mm, position_mm = observations.value_mm.copy(), observations.position_mm.copy()
+    touching = np.flatnonzero(observations.contact)
+    alike = numbered(observations.mount[touching], observations.axis[touching], value_mm[touching])
     for rows in rows_of(alike):
         contacts = touching[rows]
         while len(contacts):
-            axis = int(observed.axis[contacts[0]])
+            axis = int(observations.axis[contacts[0]])
             away_mm = np.delete(position_mm[contacts] - position_mm[contacts[0]], axis, axis=1)
             near = np.abs(away_mm).max(axis=1) <= SAME_PLACE_MM
             place, contacts = contacts[near], contacts[~near]
             mean_mm = position_mm[place].mean(axis=0)
             value_mm[place] -= position_mm[place, axis] - mean_mm[axis]
             position_mm[place] = mean_mm
-    return replace(observed, value_mm=value_mm, position_mm=position_mm)
+    return replace(observations, value_mm=value_mm, position_mm=position_mm)
 
 
 def measured_distances(session: Session) -> Distances:
@@ -400,17 +400,17 @@ def corrected_readings(session: Session, cleaned: CleanedReadings) -> Iterator[R
 
     A stand that moved gives a new mounting from there on.
     """
-    observed, cleaned_rows = to_observations([session]).take(cleaned.rows), cleaned.observed
+    observations, cleaned_rows = to_observations([session]).take(cleaned.rows), cleaned.observations
     readings = [session.readings[row] for row in cleaned.rows.tolist()]
     read_mm = np.array([reading.value_mm for reading in readings])
-    values = read_mm + (_values_mm(observed, cleaned) - observed.value_mm)
+    values = read_mm + (_values_mm(observations, cleaned) - observations.value_mm)
     mounts = _mount_names(readings, cleaned_rows)
     for k, reading in enumerate(readings):
         tool = TOUCHED_NAMES[cleaned_rows.leg[k]] == "tool"
         position_mm: Triple | None = None
         if tool:  # that of a contact is in the arrays with those of its repeats
             x, y, z = cleaned_rows.position_mm[k].tolist()
-            is_same = np.array_equal(cleaned_rows.position_mm[k], observed.position_mm[k])
+            is_same = np.array_equal(cleaned_rows.position_mm[k], observations.position_mm[k])
             position_mm = reading.position_mm if is_same else (x, y, z)
         mount = mounts[int(cleaned_rows.mount[k])]
         now: dict[str, Any] = {
@@ -431,16 +431,16 @@ def corrected_readings(session: Session, cleaned: CleanedReadings) -> Iterator[R
             yield reading.model_copy(update=now)
 
 
-def _values_mm(observed: Observations, cleaned: CleanedReadings) -> FloatArray:
+def _values_mm(observations: Observations, cleaned: CleanedReadings) -> FloatArray:
     """Corrected values ``(n,)``; as read where only the zero moved, for that is a new mounting."""
-    values = cleaned.observed.value_mm.copy()
-    change = values - observed.value_mm
-    for mount in np.unique(observed.mount[cleaned.slips > 0]):
+    values = cleaned.observations.value_mm.copy()
+    change = values - observations.value_mm
+    for mount in np.unique(observations.mount[cleaned.slips > 0]):
         for slip in range(1, int(cleaned.slips.max()) + 1):
-            rows = (observed.mount == mount) & (cleaned.slips == slip)
+            rows = (observations.mount == mount) & (cleaned.slips == slip)
             if rows.any() and np.ptp(change[rows]) < SAME_MM:
-                values[rows] = observed.value_mm[rows]
-    return np.where(np.abs(values - observed.value_mm) < SAME_MM, observed.value_mm, values)
+                values[rows] = observations.value_mm[rows]
+    return np.where(np.abs(values - observations.value_mm) < SAME_MM, observations.value_mm, values)
 
 
 def _mount_names(readings: Sequence[Reading], cleaned: Observations) -> list[str]:

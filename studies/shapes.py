@@ -146,9 +146,9 @@ def measured(shape: Shape, factor: float, seed: int, scatter_mm: float) -> Sessi
         for number, reading in enumerate(nominal.readings)
     ]
     truth = replace(hidden_machine(geometry, seed), effects=shape.effects(factor))
-    observed = to_observations([fold([nominal.opened, *readings])])
+    observations = to_observations([fold([nominal.opened, *readings])])
     values = measure(
-        truth, observed, scatter_mm=scatter_mm, resolution_mm=RESOLUTION_MM, generator=seed
+        truth, observations, scatter_mm=scatter_mm, resolution_mm=RESOLUTION_MM, generator=seed
     ).tolist()
     touched = [
         k for k, reading in enumerate(readings) if f"{reading.leg}{reading.axis}" in shape.places

@@ -141,14 +141,14 @@ def test_the_printer_is_a_better_one(walked: tuple[Path, str]) -> None:
 @LONG
 def test_values_that_help_are_the_next_step_on_the_screen(walked: tuple[Path, str]) -> None:
     """Before: joint offsets alone did not, so that the screen said to leave all as it is."""
-    solved = solve_files([walked[0] / "printer.jsonl"])
-    assert solved.printer_change is not None
-    assert solved.printer_change.helps
-    assert not solved.correction.helps
+    result = solve_files([walked[0] / "printer.jsonl"])
+    assert result.printer_change is not None
+    assert result.printer_change.helps
+    assert not result.correction.helps
     text = words(glidecal("solve", walked[0] / "printer.jsonl").out)
     assert "alone leave 2.7 times the noise. With the lines of the drives" in text
     assert "WARNING" not in text, "the diagnosis agrees"
-    text = next_text(solved, (), exports=True, measures=False)
+    text = next_text(result, (), exports=True, measures=False)
     assert text == "Next: {result.export} writes these values as files for the controller."
 
 

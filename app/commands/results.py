@@ -381,8 +381,8 @@ def _table(
         (session,), warnings = load_sessions([source])
         data = session.table()
     else:
-        solved = solve_files([source], subset=subset, method=method, model=model)
-        data, warnings = solved.table(name), [*solved.warnings]
+        result = solve_files([source], subset=subset, method=method, model=model)
+        data, warnings = result.table(name), [*result.warnings]
     for warning in warnings:
         say(f"glidecal: {warning}")
     return data

@@ -82,9 +82,9 @@ IN_FIRMWARE = (
 
 
 def compare_files(
-    before: Path, after: Path, *, solved: SessionSolution | None = None
+    before: Path, after: Path, *, result: SessionSolution | None = None
 ) -> Comparison:
-    """Solve both sessions and lay them side by side; the first may be ``solved`` with others.
+    """Solve both sessions and lay them side by side; ``result`` is the first solved with others.
 
     Raises RecordError for files that cannot be used or are the same session, CalibrationError for
     sessions with nothing in common.
@@ -107,8 +107,8 @@ def compare_files(
             "two sessions of one machine",
         )
     sessions = earlier.session, later.session
-    first, second = solved or solve_sessions(sessions[:1]), solve_sessions(sessions[1:])
-    measured, again = (solved.solution.tabulated.keys() for solved in (first, second))
+    first, second = result or solve_sessions(sessions[:1]), solve_sessions(sessions[1:])
+    measured, again = (result.solution.tabulated.keys() for result in (first, second))
     if not measured & again:
         raise CalibrationError(
             f"sessions {before} and {after}",
@@ -247,23 +247,23 @@ def verify_files(
     after: Path,
     tolerance_mm: float | None = None,
     *,
-    solved: SessionSolution | None = None,
+    result: SessionSolution | None = None,
 ) -> Verification:
-    """Judge the second session by the first, or by what it is ``solved`` to with others.
+    """Judge the second session by the first, or by what it is ``result`` to with others.
 
     The tolerance is the given one, else that of the later machine file, else of the earlier.
 
     Raises as `compare_files`, and UsageError for a tolerance that is no positive length.
     """
     check_tolerance(tolerance_mm)
-    compared = compare_files(before, after, solved=solved)
+    compared = compare_files(before, after, result=result)
     if compared.changed:
         raise changed_between(f"sessions {before} and {after}", "solve")
     earlier, later = compared.before, compared.after
     common = later.sessions[0].opened.machine.set_at_zero or False
     if common:
         compared = replace(compared, remarks=(*compared.remarks, LESS_COMMON))
-    stated = (solved.sessions[-1].opened.machine.tool_tolerance_mm for solved in (later, earlier))
+    stated = (result.sessions[-1].opened.machine.tool_tolerance_mm for result in (later, earlier))
     tolerance = tolerance_mm or next(filter(None, stated), None)
     decision = None
     if tolerance:
@@ -276,7 +276,7 @@ def verify_files(
 def _record_remarks(compared: Comparison, offsets: Sequence[RemainingOffset]) -> Iterator[str]:
     """Whether the later record names what was entered: a history and later sessions take it so."""
     earlier, later = (
-        solved.sessions[0].opened.machine for solved in (compared.before, compared.after)
+        result.sessions[0].opened.machine for result in (compared.before, compared.after)
     )
     if later.position_endstop_mm:
         return
@@ -299,7 +299,7 @@ def _remaining(
     before: SessionSolution, after: SessionSolution, *, common: bool
 ) -> tuple[RemainingOffset, ...]:
     """Joint offsets of both corrections; ``common`` is taken off where a plate does not show it."""
-    entered, remaining = (_offsets(solved, common=common) for solved in (before, after))
+    entered, remaining = (_offsets(result, common=common) for result in (before, after))
     offsets = []
     for name, (was, half, u), (now, half_now, u_now) in zip(
         PARAMETER_NAMES[:3], entered, remaining, strict=True
@@ -310,10 +310,10 @@ def _remaining(
     return tuple(offsets)
 
 
-def _offsets(solved: SessionSolution, *, common: bool) -> list[tuple[float, float, float]]:
+def _offsets(result: SessionSolution, *, common: bool) -> list[tuple[float, float, float]]:
     """Offsets that are entered, their 95 % half widths and standard uncertainties, mm."""
-    standard_mm, half_widths_mm = solved.corrections.uncertainties_mm(less_common=common)
-    values_mm = solved.joint_offsets_mm
+    standard_mm, half_widths_mm = result.corrections.uncertainties_mm(less_common=common)
+    values_mm = result.joint_offsets_mm
     shared_mm = sum(values_mm) / len(values_mm) if common else 0.0
     return [
         (value - shared_mm, half, u)

@@ -372,13 +372,13 @@ def case_of_machine(
     machine: Machine,
     model: Model,
     free: frozenset[tuple[Effect, str]],
-    observed: Observations,
+    observations: Observations,
     indicator: IndicatorFigures,
 ) -> SessionCase:
     """Readings of a machine with what is known of it beforehand; else as `case_of`."""
     return SessionCase(
         replace(model, geometry=replace(model.geometry, load=machine.load)),
-        observed,
+        observations,
         indicator,
         machine.tolerances_mm(),
         free=free,

@@ -246,14 +246,14 @@ def diagnose_sessions(
     model: Path | None = None,
     held_out: Sequence[Session] = (),
     effects: Sequence[Effect] | None = None,
-    solved: ControllerCorrections | None = None,
+    catalogue_corrections: ControllerCorrections | None = None,
 ) -> SessionDiagnosis:
     """Diagnose sessions against their nominal machine, or against a model with effects.
 
     ``held_out`` are sessions for the gap alone, ``effects`` are looked for in place of
     all that are known. Sessions may have different joint offsets entered; their geometry must be
-    one. ``solved`` are corrections of the same sessions by the catalogue alone: their posterior is
-    taken where it is that of the diagnosis. Raises UsageError and NotIdentifiable.
+    one. ``catalogue_corrections`` are those of the same sessions by the catalogue alone: their
+    posterior is taken where it is that of the diagnosis. Raises UsageError and NotIdentifiable.
     """
     if not sessions:
         raise NotIdentifiable("sessions", "none", "at least one session")
@@ -268,11 +268,11 @@ def diagnose_sessions(
         free = free_effects(model_file, effects)
         warnings += [doubt] if (doubt := ambiguity(ambiguous_effects(model_file))) else []
     corrections = ControllerCorrections.of_sessions(sessions, nominal, effects=effects, free=free)
-    if solved is not None and model is None and tuple(effects) == tuple(CATALOGUE):
-        corrections = corrections.with_posterior(solved.posterior)
+    if catalogue_corrections is not None and model is None and tuple(effects) == tuple(CATALOGUE):
+        corrections = corrections.with_posterior(catalogue_corrections.posterior)
     for session, case in zip(sessions, corrections.cases, strict=True):
-        if case.observed.over_plane.any():
-            refuse_leaning_planes([session], Cells.of(case).model, case.observed)
+        if case.observations.over_plane.any():
+            refuse_leaning_planes([session], Cells.of(case).model, case.observations)
     return SessionDiagnosis(
         sessions=tuple(sessions),
         others=tuple(held_out),

@@ -31,7 +31,7 @@ class PostureResult:
 
     session: PostureSession
     record: Record
-    solved: CalibratedMachine
+    calibration: CalibratedMachine
     checked: CalibratedMachine
     diagnosis: HexaSlideDiagnosis | None
     not_diagnosed: str
@@ -47,8 +47,8 @@ def posture_result(path: Path) -> PostureResult:
         diagnosis = diagnosis_from(models)
     except CalibrationError as problem:
         reason = f"{problem}"
-    solved, checked = calibrated_for((0.0, SHARE), path.name, source, models=models)
-    return PostureResult(session, record, solved, checked, diagnosis, reason)
+    result, checked = calibrated_for((0.0, SHARE), path.name, source, models=models)
+    return PostureResult(session, record, result, checked, diagnosis, reason)
 
 
 def posture_entry(path: Path, effects: bool) -> PostureEntry:
@@ -67,16 +67,16 @@ def posture_entry(path: Path, effects: bool) -> PostureEntry:
     )
     try:
         source = session.measurements()
-        solved = calibrated(path.name, source, 0.0)
+        result = calibrated(path.name, source, 0.0)
         causes = _named(source) if effects else None
     except GlidecalError as problem:
         return entry.model_copy(update={"problem": f"{problem}"})
-    bound_m, tolerance_mm = solved.platform.bound_m, opened.machine.platform_tolerance_mm
+    bound_m, tolerance_mm = result.platform.bound_m, opened.machine.platform_tolerance_mm
     return entry.model_copy(
         update={
-            "now_mm": 1000.0 * solved.platform.now.places_rms_m,
+            "now_mm": 1000.0 * result.platform.now.places_rms_m,
             "bound_mm": None if bound_m is None else 1000.0 * bound_m,
-            "decision": None if tolerance_mm is None else decided(solved, tolerance_mm),
+            "decision": None if tolerance_mm is None else decided(result, tolerance_mm),
             "effects": causes,
             "problem": record.unfinished.removeprefix(f"{path.name}: "),
         }

@@ -248,13 +248,13 @@ def _mistakes(models: WeighedCauses, nominal: HexaSlide) -> tuple[int, ...]:
     return wrong if enough else ()
 
 
-def decided(solved: CalibratedMachine, tolerance_mm: float) -> Decision:
+def decided(result: CalibratedMachine, tolerance_mm: float) -> Decision:
     """Whether the platform was in tolerance as measured: its error, give or take the bound."""
-    off_mm, bound_m = 1000.0 * solved.platform.now.places_rms_m, solved.platform.bound_m
+    off_mm, bound_m = 1000.0 * result.platform.now.places_rms_m, result.platform.bound_m
     if bound_m is None:
         return "undecided"
     # what neither parameters nor causes explain may do more at the platform than the bound counts
-    if off_mm + 1000.0 * bound_m <= tolerance_mm and solved.fits:
+    if off_mm + 1000.0 * bound_m <= tolerance_mm and result.fits:
         return "pass"
     return "fail" if off_mm - 1000.0 * bound_m > tolerance_mm else "undecided"
 

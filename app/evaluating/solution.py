@@ -77,7 +77,7 @@ class SessionSolution(Tabled):
     """
 
     sessions: tuple[Session, ...]
-    observed: Observations
+    observations: Observations
     choice: SubsetChoice
     corrections: ControllerCorrections
     view: Subset | None = None
@@ -169,7 +169,7 @@ class SessionSolution(Tabled):
     def visits(self) -> tuple[tuple[str, Reading], ...]:
         """The readings, of those without a movement between them the first, with their sessions."""
         readings = _counting(self.sessions)
-        return tuple(readings[row] for row in visit_starts(self.observed).tolist())
+        return tuple(readings[row] for row in visit_starts(self.observations).tolist())
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -220,7 +220,7 @@ class SessionSolution(Tabled):
     def noisy(self) -> tuple[NoisyChannel, ...]:
         """Indicators that scatter more than the quietest."""
         readings = _counting(self.sessions)
-        indicators = noisy_indicators(self.observed, self.noise_of_each)
+        indicators = noisy_indicators(self.observations, self.noise_of_each)
         return tuple(NoisyChannel(*readings[indicator.row], indicator) for indicator in indicators)
 
     @cached_property
@@ -229,14 +229,16 @@ class SessionSolution(Tabled):
         readings = _counting(self.sessions)
         return tuple(
             IsolatedReadings(readings[rows[0]][0], tuple(readings[row][1] for row in rows))
-            for rows in single_posture_rows(self.observed)
+            for rows in single_posture_rows(self.observations)
         )
 
     @cached_property
     def still(self) -> tuple[tuple[str, Reading, int], ...]:
         """Set-ups that read one value in every posture: session, first reading, how many."""
         rows_of_reading = _counting(self.sessions)
-        return tuple((*rows_of_reading[rows[0]], len(rows)) for rows in still_rows(self.observed))
+        return tuple(
+            (*rows_of_reading[rows[0]], len(rows)) for rows in still_rows(self.observations)
+        )
 
     def with_subset(self, subset: Subset) -> SessionSolution:
         """Another set of the same choice; nothing is fitted again.
@@ -244,7 +246,7 @@ class SessionSolution(Tabled):
         Raises NotIdentifiable, and RecordError as `refuse_leaning_planes`.
         """
         view = replace(self, view=subset)
-        refuse_leaning_planes(self.sessions, view.solution.model, self.observed)
+        refuse_leaning_planes(self.sessions, view.solution.model, self.observations)
         return view
 
     @property
@@ -260,7 +262,7 @@ class SessionSolution(Tabled):
         that set is not determined, it is the fit of the view.
         """
         fit = self.choice.solutions.get("with-tolerances", self.solution)
-        return leg_curves(fit.model, self.observed, fit.residual_mm)
+        return leg_curves(fit.model, self.observations, fit.residual_mm)
 
     @property
     def left_over_normal(self) -> tuple[FloatArray, FloatArray]:
@@ -334,7 +336,7 @@ class SessionSolution(Tabled):
     @property
     def reading_count(self) -> int:
         """How many readings count: those that are alone with their zero do not."""
-        return len(self.observed) - sum(len(alone.readings) for alone in self.isolated)
+        return len(self.observations) - sum(len(alone.readings) for alone in self.isolated)
 
     @property
     def joint_offsets_mm(self) -> tuple[float, float, float]:
@@ -388,7 +390,7 @@ PLACE = (
 )
 
 
-def _residuals(solved: SessionSolution) -> DataTable:
+def _residuals(result: SessionSolution) -> DataTable:
     nowhere = (None, None, None)
     return DataTable.plain(
         (*PLACE, "residual_mm"),
@@ -405,7 +407,7 @@ def _residuals(solved: SessionSolution) -> DataTable:
                 ),
                 *(reading.value_mm, left_mm),
             )
-            for name, reading, left_mm in solved.residuals
+            for name, reading, left_mm in result.residuals
         ),
     )
 
@@ -465,23 +467,23 @@ def solve_sessions(
         check_choice(option, word, words)
     if not sessions:
         raise NotIdentifiable("sessions", "none", "at least one session")
-    observed = to_observations(sessions)
+    observations = to_observations(sessions)
     machine = sessions[0].opened.machine
     start = Model(machine.geometry())
     sizes: tuple[Size, ...] = ()
     free: frozenset[tuple[Effect, str]] = frozenset()
     if model is not None:
         start, sizes, free = _of(model, machine, method)
-    case = IdentificationCase.of(start, observed, indicator_figures(sessions), sizes)
+    case = IdentificationCase.of(start, observations, indicator_figures(sessions), sizes)
     choice = SubsetChoice(case, machine.tolerances_mm(), method, weights)
     corrections = ControllerCorrections.of_sessions(sessions, start, frame, free=free)
-    solved = SessionSolution(tuple(sessions), observed, choice, corrections, subset, holds)
+    result = SessionSolution(tuple(sessions), observations, choice, corrections, subset, holds)
     if model is not None:
         from protocols.model_file import ambiguous_effects, held_sizes
 
-        solved = replace(solved, ambiguous=ambiguous_effects(model), held=held_sizes(model))
-    leans = bool(observed.over_plane.any())
-    return solved.with_subset(solved.subset) if shown or leans else solved
+        result = replace(result, ambiguous=ambiguous_effects(model), held=held_sizes(model))
+    leans = bool(observations.over_plane.any())
+    return result.with_subset(result.subset) if shown or leans else result
 
 
 def _of(
@@ -510,11 +512,11 @@ def _counting(sessions: Sequence[Session]) -> list[tuple[str, Reading]]:
 
 
 def refuse_leaning_planes(
-    sessions: Sequence[Session], model: Model, observed: Observations
+    sessions: Sequence[Session], model: Model, observations: Observations
 ) -> None:
     """Raises RecordError for a reference plane that leans by more than the machine file allows."""
     limit_mrad = sessions[0].opened.machine.plane_tilt_mrad
-    for row, tilt_mrad in plane_tilts_mrad(model, observed):
+    for row, tilt_mrad in plane_tilts_mrad(model, observations):
         if abs(tilt_mrad) > limit_mrad:
             name, reading = _counting(sessions)[row]
             raise RecordError(
@@ -544,7 +546,7 @@ def solve_files(
         from protocols.model_file import read_model_file
 
         model_file = read_model_file(model)
-    solved = solve_sessions(
+    result = solve_sessions(
         sessions,
         subset=subset,
         method=method,
@@ -554,7 +556,7 @@ def solve_files(
         holds=holds,
         shown=shown,
     )
-    return replace(solved, warnings=tuple(warnings))
+    return replace(result, warnings=tuple(warnings))
 
 
 @dataclass(frozen=True)
@@ -566,7 +568,7 @@ class Judgement:
     after: Decision
 
 
-def judge(solved: SessionSolution, tolerance_mm: float) -> Judgement:
+def judge(result: SessionSolution, tolerance_mm: float) -> Judgement:
     """Pass, fail or undecided, now and with the correction entered (ISO 14253-1).
 
     Raises UsageError for a tolerance that is no positive length.
@@ -574,8 +576,8 @@ def judge(solved: SessionSolution, tolerance_mm: float) -> Judgement:
     check_tolerance(tolerance_mm)
     return Judgement(
         tolerance_mm,
-        decided_in(solved.corrections.off_now, solved.frame, tolerance_mm),
-        decided_in(solved.entered.off, solved.frame, tolerance_mm),
+        decided_in(result.corrections.off_now, result.frame, tolerance_mm),
+        decided_in(result.entered.off, result.frame, tolerance_mm),
     )
 
 
@@ -584,19 +586,19 @@ def decided_in(off: ToolOff, frame: Frame, tolerance_mm: float) -> Decision:
     return decide(off.least_in(frame), off.bound_in(frame), tolerance_mm)
 
 
-def monte_carlo(solved: SessionSolution, sessions: int, seed: int) -> MonteCarlo:
+def monte_carlo(result: SessionSolution, sessions: int, seed: int) -> MonteCarlo:
     """Sessions like this one on machines like this one, identified as this one was.
 
     All indicators scatter alike there; with a coarse display the machines differ by some steps. A
     stated noise is simulated as stated. Raises UsageError where the noise is what the fit left, and
     for the set held by tolerances.
     """
-    solution = solved.solution
+    solution = result.solution
     if solution.noise.source == "residuals" or solution.subset == "with-tolerances":
         raise UsageError(
             "--monte-carlo",
             f"noise from {solution.noise.source}, set {solution.subset}",
             "a session with repeats or a stated indicator, and one of the plain sets",
         )
-    campaign = Campaign.like(solution, solved.observed, indicator_figures(solved.sessions))
+    campaign = Campaign.like(solution, result.observations, indicator_figures(result.sessions))
     return simulate_and_identify(campaign, sessions, seed)

@@ -92,10 +92,10 @@ class Trial:
         if self.subset is not None:
             return self
         try:
-            solved = self.solved(self.entry.freed())
+            result = self.result(self.entry.freed())
         except NotIdentifiable:
-            solved = self.without.solved
-        return replace(self, subset=solved.solution.subset)
+            result = self.without.result
+        return replace(self, subset=result.solution.subset)
 
     def begin(self) -> Trial:
         """The `usual` one, with all that is worked out once. Raises NotIdentifiable."""
@@ -143,9 +143,9 @@ class Trial:
     @cached_property
     def _case(self) -> IdentificationCase:
         """What readings tell, whatever the sizes are."""
-        observed = to_observations(self.sessions)
+        observations = to_observations(self.sessions)
         model = to_model(self._with(self.entry), "model", self.effects)
-        return IdentificationCase.of(model, observed, indicator_figures(self.sessions))
+        return IdentificationCase.of(model, observations, indicator_figures(self.sessions))
 
     def _with(self, entry: EffectEntry) -> ModelFile:
         return self.beside.model_copy(update={"effects": (*self.beside.effects, entry)})
@@ -153,7 +153,7 @@ class Trial:
     def solution(self, entry: EffectEntry) -> Solution:
         """With the effect of this trial as it stands there. Raises NotIdentifiable."""
         if self.subset is None:
-            return self.solved(entry).solution
+            return self.result(entry).solution
         model_file, effects = self._with(entry), self.effects
         case = replace(
             self._case,
@@ -163,7 +163,7 @@ class Trial:
         tolerance_mm = self.sessions[0].opened.machine.tolerances_mm()
         return identify(case, self.subset, tolerance_mm=tolerance_mm)
 
-    def solved(self, entry: EffectEntry) -> SessionSolution:
+    def result(self, entry: EffectEntry) -> SessionSolution:
         """The same with all other sets. Raises NotIdentifiable."""
         model_file = self._with(entry)
         return solve_sessions(self.sessions, subset=self.subset, model=model_file)
@@ -183,14 +183,14 @@ class WhatIf:
 
     @cached_property
     def solution(self) -> Solution:
-        """That of `solved`, which need not be worked out for it. Raises NotIdentifiable."""
-        as_fitted = self.trial.subset is None or "solved" in vars(self)
-        return self.solved.solution if as_fitted else self.trial.solution(self._entry)
+        """That of `result`, which need not be worked out for it. Raises NotIdentifiable."""
+        as_fitted = self.trial.subset is None or "result" in vars(self)
+        return self.result.solution if as_fitted else self.trial.solution(self._entry)
 
     @cached_property
-    def solved(self) -> SessionSolution:
+    def result(self) -> SessionSolution:
         """Everything else, too: other sets, what the tool is off by at most."""
-        return self.trial.solved(self._entry)
+        return self.trial.result(self._entry)
 
     @cached_property
     def tool_mm(self) -> float:
@@ -219,10 +219,10 @@ class WhatIf:
         return self
 
     def work_out_all(self) -> SessionSolution:
-        """`solved`, and what `work_out` does. Raises NotIdentifiable."""
-        solved = self.solved
+        """`result`, and what `work_out` does. Raises NotIdentifiable."""
+        result = self.result
         self.work_out()
-        return solved
+        return result
 
     @property
     def _geometry(self) -> Geometry:

@@ -15,7 +15,7 @@ from app.report.offsets import (
     Offsets,
     for_controller,
     moves_the_tool,
-    offsets_from_solved,
+    offsets_from_result,
 )
 from app.report.schema.document import to_json
 from app.report.schema.offsets import OffsetsReport
@@ -102,12 +102,12 @@ IN_FOLDERS = ("linuxcnc", "linuxcnc-kins", "lineardeltakins")
 FILE_NAMES = {"json": "offsets.json", "csv": "offsets.csv", "model": "model.json"}
 
 
-def export_offsets(solved: SessionSolution, folder: Path, *, replace: bool = False) -> list[Path]:
+def export_offsets(result: SessionSolution, folder: Path, *, replace: bool = False) -> list[Path]:
     """The correction of sessions in every format, into a folder. Raises as `write_files`.
 
     Where the machine file has heights of switches, as firmware of printers does, in its formats.
     """
-    offsets = offsets_from_solved(solved)
+    offsets = offsets_from_result(result)
     files = {file: FORMATS[name](offsets).files[""] for name, file in FILE_NAMES.items()}
     if offsets.machine.position_endstop_mm:
         files["klipper.cfg"] = towers.printer_cfg(offsets).files[""]

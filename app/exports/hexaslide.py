@@ -44,15 +44,15 @@ TURNS = (
 )
 
 
-def calibrated_files(solved: CalibratedMachine, to_command: Path | None) -> Written:
+def calibrated_files(result: CalibratedMachine, to_command: Path | None) -> Written:
     """``machine.toml``, ``hexaslidekins.comp`` with ``calib.hal``, of telescopic legs that alone,
     for ``genhexkins``; for a file of postures ``to_command`` also ``postures.csv``, to be commanded
     instead of them, and ``sliders.csv``.
 
     Raises RecordError for that file, CalibrationError for postures that cannot be reached.
     """
-    head, file = _head(solved), calibrated_machine(solved)
-    calibrated, source_machine = solved.entered, solved.source.machine
+    head, file = _head(result), calibrated_machine(result)
+    calibrated, source_machine = result.entered, result.source.machine
     telescopic = calibrated.geometry.telescopic
     files = {"machine.toml": machine_text(file, head)}
     if not telescopic:
@@ -71,15 +71,15 @@ def calibrated_files(solved: CalibratedMachine, to_command: Path | None) -> Writ
     return {**files, **moved}
 
 
-def calibrated_machine(solved: CalibratedMachine) -> HexaSlideMachine:
+def calibrated_machine(result: CalibratedMachine) -> HexaSlideMachine:
     """The machine file with the calibrated values."""
-    source = solved.source.machine
-    return machine_like(source, f"{source.before_calibration}{CALIBRATED}", solved.entered)
+    source = result.source.machine
+    return machine_like(source, f"{source.before_calibration}{CALIBRATED}", result.entered)
 
 
-def _head(solved: CalibratedMachine) -> list[str]:
+def _head(result: CalibratedMachine) -> list[str]:
     """Where the values are from and what stands against them, in short lines."""
-    document = HexaSlideCalibrationReport.of(solved)
+    document = HexaSlideCalibrationReport.of(result)
     head = [
         f"Calibrated from {document.measurements}, {document.procedure.value}: {document.rank} of "
         f"{document.parameter_count} combinations identified."
@@ -87,23 +87,23 @@ def _head(solved: CalibratedMachine) -> list[str]:
     return [line for text in [*head, *caveats(document)] for line in short_lines(text)]
 
 
-def ros2_parameters(solved: CalibratedMachine) -> str:
+def ros2_parameters(result: CalibratedMachine) -> str:
     """The calibrated machine as a file of parameters for a node of ROS 2, metres.
 
     Its arrays have one dimension there, so each chain has a table of its own. No URDF holds such
     a machine: its links are a tree, and these chains close.
     """
-    machine, bound_m = calibrated_machine(solved), solved.platform.bound_m
-    telescopic = solved.entered.geometry.telescopic
+    machine, bound_m = calibrated_machine(result), result.platform.bound_m
+    telescopic = result.entered.geometry.telescopic
     lines = [
-        *(f"# {line}" for line in _head(solved)),
+        *(f"# {line}" for line in _head(result)),
         "# Lengths in metres.",
         "/**:",
         "  ros__parameters:",
         "    calibrated_kinematics:",
         f"      machine: {json.dumps(machine.name)}",  # a text of JSON is one of YAML
         f"      legs: {'telescopic' if telescopic else 'carriages on rails'}",
-        f"      not_identifiable: {json.dumps(solved.found.unidentifiable or [''])}",
+        f"      not_identifiable: {json.dumps(result.found.unidentifiable or [''])}",
     ]
     if bound_m is not None:
         lines.append(f"      platform_error_bound: {_yaml([bound_m])}")
@@ -143,9 +143,9 @@ def kinematics_words(machine: HexaSlide) -> str:
     return OF_GENHEXKINS if machine.geometry.telescopic else NOT_GENHEXKINS
 
 
-def write_calibrated(solved: CalibratedMachine, folder: Path, *, replace: bool) -> list[Path]:
+def write_calibrated(result: CalibratedMachine, folder: Path, *, replace: bool) -> list[Path]:
     """The files of `calibrated_files` in a folder. Raises as `write_files`."""
-    return write_files(folder, calibrated_files(solved, None), replace=replace)
+    return write_files(folder, calibrated_files(result, None), replace=replace)
 
 
 def pins(machine: HexaSlide) -> str:

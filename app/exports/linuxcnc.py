@@ -52,7 +52,7 @@ def joint_includes(offsets: Offsets) -> Export:
 
     Raises UsageError where lengths cannot be held, ImpossibleRequest as `joint_entries`.
     """
-    if offsets.solved and offsets.lengths_mm:  # of a view; what a model has, offsets take over
+    if offsets.result and offsets.lengths_mm:  # of a view; what a model has, offsets take over
         lengths_words = ", ".join(
             f"{name} {value:+.4f}" for name, value in offsets.lengths_mm.items()
         )

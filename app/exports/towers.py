@@ -81,21 +81,21 @@ def fitted(
     ``steps_now`` is what it holds for the travel of each tower; None: that stays as it is. Raises
     UsageError where it has one length and holds unequal ones now.
     """
-    kinematics, solved = for_controller(offsets, "kinematics"), offsets.solved
+    kinematics, result = for_controller(offsets, "kinematics"), offsets.result
     if entries.travels and steps_now is None:
         entries = replace(entries, travels=False)
         if any(effect.id == ActuatorScale.id for effect in kinematics.model.effects):
             offsets = replace(offsets, cautions=(*offsets.cautions, STEPS))
             kinematics = replace(kinematics, cautions=(*kinematics.cautions, STEPS))
-    if solved is None or offsets.view:
+    if result is None or offsets.view:
         values = entered(kinematics.model, entries)
     else:
-        best = solved.corrections.of_towers(entries)
-        values, change = best.values, solved.printer_change
+        best = result.corrections.of_towers(entries)
+        values, change = best.values, result.printer_change
         remarks = [
             kinematics.bound,
             *left_out_lines(best.left_out),
-            *doubt_lines(solved),
+            *doubt_lines(result),
             *([NOT_WORTH_IT] if change and not change.helps else []),
         ]
         cautions = (*map(one_line, remarks), *offsets.cautions)
@@ -117,9 +117,9 @@ def _bounded(offsets: Offsets, values: Entered, along: Sequence[StageEffect] = (
 
     That of a model file is gone where they leave a part of it.
     """
-    if offsets.solved is not None:
-        off = offsets.solved.corrections.off_with_towers(values, along)
-        return with_bound(offsets, bound_of_files(offsets.solved, off))
+    if offsets.result is not None:
+        off = offsets.result.corrections.off_with_towers(values, along)
+        return with_bound(offsets, bound_of_files(offsets.result, off))
     return with_bound(offsets, offsets.bound if values.after_mm < LEAST_MM else "")
 
 

@@ -319,15 +319,15 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
         raise UsageError("--posture-file", "no --corrected", "both, or none")
     share = SHARE if options.held_out is None else options.held_out
     with working("Solving"):
-        solved = calibrate_file(files[0], options.truth, share, options.model)
+        result = calibrate_file(files[0], options.truth, share, options.model)
     if options.corrected is not None:
         from app.exports.hexaslide import calibrated_files, kinematics_words
 
         deliver(
-            options.corrected, calibrated_files(solved, options.posture_file), force=options.force
+            options.corrected, calibrated_files(result, options.posture_file), force=options.force
         )
-        say(kinematics_words(solved.entered))
-    return Answer(lambda: calibration_text(solved), lambda: HexaSlideCalibrationReport.of(solved))
+        say(kinematics_words(result.entered))
+    return Answer(lambda: calibration_text(result), lambda: HexaSlideCalibrationReport.of(result))
 
 
 FAMILY = Family(

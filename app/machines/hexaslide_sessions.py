@@ -310,16 +310,16 @@ def exported(path: Path, format_name: str) -> tuple[Written, tuple[str, ...]]:
     if format_name not in formats:
         raise UsageError("--format", f"{format_name} of a {NAME}", ", ".join(formats))
     with working("Solving"):
-        solved = calibrate_file(path, None, 0.0)
-    report = HexaSlideCalibrationReport.of(solved)
-    files, cautions = calibrated_files(solved, None), tuple(caveats(report))
+        result = calibrate_file(path, None, 0.0)
+    report = HexaSlideCalibrationReport.of(result)
+    files, cautions = calibrated_files(result, None), tuple(caveats(report))
     if format_name == "model":
         return {"": files["machine.toml"]}, cautions
     if format_name == "ros2":
-        return {"": ros2_parameters(solved)}, cautions
+        return {"": ros2_parameters(result)}, cautions
     if format_name == "json":
         return {"": to_json(report) + "\n"}, cautions
-    return files, (*cautions, kinematics_words(solved.entered))
+    return files, (*cautions, kinematics_words(result.entered))
 
 
 def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Answer, str]:

@@ -214,7 +214,7 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
     from app.evaluating.solution import solve_files
 
     with working("Solving"):
-        solved = solve_files(
+        result = solve_files(
             files,
             subset=options.subset,
             method=options.method,
@@ -224,32 +224,32 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
             holds=options.holds,
             shown=options.subset is not None,
         ).work_out()
-    for warning in solved.warnings:
+    for warning in result.warnings:
         say(f"glidecal: {warning}")
     judged = mapped = simulated = None
     if options.tolerance is not None:
         from app.evaluating.solution import judge
 
-        judged = judge(solved, options.tolerance)
+        judged = judge(result, options.tolerance)
     if options.show_map:
-        mapped = solved.tool_maps
+        mapped = result.tool_maps
     if options.monte_carlo:
         from app.evaluating.solution import monte_carlo
 
         with working("Simulating sessions"):
-            simulated = monte_carlo(solved, options.monte_carlo, options.seed)
+            simulated = monte_carlo(result, options.monte_carlo, options.seed)
 
     def text() -> str:
         from app.report.text.result import judged_text, maps_text, monte_carlo_text, solution_text
 
-        parts = [solution_text(solved)]
+        parts = [solution_text(result)]
         parts += [judged_text(judged)] if judged else []
-        parts += [maps_text(mapped, solved.frame)] if mapped else []
+        parts += [maps_text(mapped, result.frame)] if mapped else []
         if options.show_figures:
             from app.report.charts.characters import legs_text
             from app.report.charts.legs import leg_figures
 
-            parts.append(legs_text(leg_figures(solved)))
+            parts.append(legs_text(leg_figures(result)))
         parts += [monte_carlo_text(simulated)] if simulated else []
         return "\n\n".join(parts)
 
@@ -258,7 +258,7 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
 
         if options.show_figures:
             raise UsageError("--json", "beside --figures, which are text", "one of them")
-        return SolutionReport.of(SolutionResults(solved, judged, mapped, simulated))
+        return SolutionReport.of(SolutionResults(result, judged, mapped, simulated))
 
     return Answer(text, document)
 

@@ -59,7 +59,7 @@ class CertifiedCalibration:
     ``model`` is the file of effects that were fitted, too. Without ``head`` nobody certifies it.
     """
 
-    solved: SessionSolution
+    result: SessionSolution
     diagnosed: SessionDiagnosis
     verified: Verification | None
     tolerance_mm: float | None
@@ -69,7 +69,7 @@ class CertifiedCalibration:
     @property
     def machine(self) -> Machine:
         """The machine as it was known before."""
-        return self.solved.sessions[0].opened.machine
+        return self.result.sessions[0].opened.machine
 
     @property
     def serial_numbers(self) -> tuple[str, ...]:
@@ -80,7 +80,7 @@ class CertifiedCalibration:
     def sessions(self) -> tuple[Session, ...]:
         """All of them, the later one last."""
         later = self.verified.compared.after.sessions if self.verified else ()
-        return (*self.solved.sessions, *later)
+        return (*self.result.sessions, *later)
 
     @property
     def counted(self) -> dict[str, int]:
@@ -88,7 +88,7 @@ class CertifiedCalibration:
         later = (self.verified.compared.after,) if self.verified else ()
         lost = {
             id(reading)  # sessions of one name may stand in two folders
-            for solution in (self.solved, *later)
+            for solution in (self.result, *later)
             for alone in solution.isolated
             for reading in alone.readings
         }
@@ -125,7 +125,7 @@ class CertifiedCalibration:
     @property
     def judged(self) -> Judgement | None:
         """The decision on the tool now and with the values entered; None without a tolerance."""
-        return None if self.tolerance_mm is None else judge(self.solved, self.tolerance_mm)
+        return None if self.tolerance_mm is None else judge(self.result, self.tolerance_mm)
 
     @property
     def judged_words(self) -> str:
@@ -182,15 +182,17 @@ def calibration_of(
 
     Raises as `solve_files`, `diagnose_sessions` and `verify_files`.
     """
-    solved = solve_files(paths, model=model)
-    diagnosed = diagnose_sessions(solved.sessions, model=model, solved=solved.corrections)
+    result = solve_files(paths, model=model)
+    diagnosed = diagnose_sessions(
+        result.sessions, model=model, catalogue_corrections=result.corrections
+    )
     last = records_in_order(paths)[-1].path
-    verified = verify_files(last, after, tolerance_mm, solved=solved) if after else None
+    verified = verify_files(last, after, tolerance_mm, result=result) if after else None
     if verified:  # one tolerance for all decisions
         tolerance_mm = verified.tolerance_mm
     elif tolerance_mm is None:
-        tolerance_mm = solved.sessions[-1].opened.machine.tool_tolerance_mm
-    return CertifiedCalibration(solved, diagnosed, verified, tolerance_mm, head, model)
+        tolerance_mm = result.sessions[-1].opened.machine.tool_tolerance_mm
+    return CertifiedCalibration(result, diagnosed, verified, tolerance_mm, head, model)
 
 
 class IssuedNumbers(Document):

@@ -46,26 +46,26 @@ class CertifiedPostures:
     head: CertificateHead | None = None
 
     @property
-    def solved(self) -> CalibratedMachine:
+    def calibration(self) -> CalibratedMachine:
         """The machine that the session gives."""
-        return self.result.solved
+        return self.result.calibration
 
     @property
     def tolerance_mm(self) -> float | None:
         """Of the platform: that of the verification, else as given, else of the machine file."""
         if self.later is not None:
             return self.later.verified.tolerance_mm
-        return self.stated_mm or self.solved.source.machine.platform_tolerance_mm
+        return self.stated_mm or self.calibration.source.machine.platform_tolerance_mm
 
     @property
     def decision(self) -> Decision | None:
         """On the platform as it was measured; None without a tolerance."""
-        return None if self.tolerance_mm is None else decided(self.solved, self.tolerance_mm)
+        return None if self.tolerance_mm is None else decided(self.calibration, self.tolerance_mm)
 
     @property
     def serial_numbers(self) -> tuple[str, ...]:
         """As `serial_numbers_of`."""
-        return serial_numbers_of(self.head, self.solved.source.machine.serial_number)
+        return serial_numbers_of(self.head, self.calibration.source.machine.serial_number)
 
     @property
     def sessions(self) -> tuple[tuple[PostureSession, Record], ...]:

@@ -58,7 +58,7 @@ class Offsets:
     readings, one line each. ``model`` holds the parameters, and effects with them. ``controller``
     is what the controller holds now, None where nobody stated it; ``recorded`` is when the first
     record began, None where the source does not tell, ``measured`` when it was measured, in words.
-    ``bound`` is the caution that states the bound at the tool. ``solved`` is the result that it is
+    ``bound`` is the caution that states the bound at the tool. ``result`` is where it is
     from, None for a model file; with ``view`` one of its sets is written as it is, in place of the
     correction.
     """
@@ -74,7 +74,7 @@ class Offsets:
     cautions: tuple[str, ...] = ()
     lacks_fit: bool = False
     bound: str = ""
-    solved: SessionSolution | None = None
+    result: SessionSolution | None = None
     view: bool = False
 
     @property
@@ -98,12 +98,12 @@ class Offsets:
     @property
     def printer_change(self) -> PrinterChange | None:
         """All that the firmware of a printer is to hold, where the correction is written."""
-        return self.solved.printer_change if self.solved and not self.view else None
+        return self.result.printer_change if self.result and not self.view else None
 
     @property
     def lines(self) -> tuple[LineParameter, ...]:
         """Parameters of the drives' lines; a model file does not hold how well they are known."""
-        return self.solved.lines if self.solved else ()
+        return self.result.lines if self.result else ()
 
     @property
     def lengths_mm(self) -> dict[str, float]:
@@ -137,30 +137,30 @@ def for_controller(
     ``left_out`` that these files do not hold. ``absent`` as `ControllerCorrections.of` has it.
     The bound of a model file is that of the whole model, and no other can be worked out.
     """
-    solved = offsets.solved
-    if solved is not None and not offsets.view:
-        correction = solved.corrections.of(holds, absent)
+    result = offsets.result
+    if result is not None and not offsets.view:
+        correction = result.corrections.of(holds, absent)
         return replace(
             offsets,
             parameters=entered_parameters(correction),
             model=correction.model,
             bound=one_line(bound_line(correction)),
             cautions=tuple(
-                map(one_line, (*correction_lines(solved, correction), *offsets.cautions))
+                map(one_line, (*correction_lines(result, correction), *offsets.cautions))
             ),
         )
     effects = offsets.model.effects
     missing_ids = [id(effect) for effect in left_out]  # two effects may be equal
     names = list(dict.fromkeys(effect.id for effect in effects if id(effect) in missing_ids))
     kept = offsets.model.with_effects(tuple(e for e in effects if id(e) not in missing_ids))
-    if solved is None:
+    if result is None:
         return _offsets_of_model(offsets, kept, holds, names)
     if not names:
         return offsets
-    off = solved.corrections.off(kept)
+    off = result.corrections.off(kept)
     leaves = "the bound of the tool includes what that leaves"
     missing = f"not in these files: {', '.join(names)}; {leaves}"
-    return with_bound(offsets, bound_of_files(solved, off), missing)
+    return with_bound(offsets, bound_of_files(result, off), missing)
 
 
 def _offsets_of_model(offsets: Offsets, kept: Model, holds: Holds, names: list[str]) -> Offsets:
@@ -196,9 +196,9 @@ def with_bound(offsets: Offsets, bound: str, *more: str) -> Offsets:
     return replace(offsets, bound=bound, cautions=tuple(filter(None, [*more, bound, *other_texts])))
 
 
-def bound_of_files(solved: SessionSolution, off: ToolOff) -> str:
+def bound_of_files(result: SessionSolution, off: ToolOff) -> str:
     """The caution that states what the tool is off by with what the files hold."""
-    return one_line(off_line(solved.frame, solved.corrections.off_now, off))
+    return one_line(off_line(result.frame, result.corrections.off_now, off))
 
 
 def entered_parameters(correction: SessionCorrection) -> dict[str, Offset]:
@@ -215,26 +215,26 @@ def entered_parameters(correction: SessionCorrection) -> dict[str, Offset]:
     }
 
 
-def offsets_from_solved(solved: SessionSolution, *, view: bool = False) -> Offsets:
+def offsets_from_result(result: SessionSolution, *, view: bool = False) -> Offsets:
     """What is exported of sessions; with ``view`` the set of parameters that is shown."""
-    machine = solved.sessions[0].opened.machine
+    machine = result.sessions[0].opened.machine
     offsets = Offsets(
-        source=", ".join(solved.names),
+        source=", ".join(result.names),
         machine=machine,
         parameters={},
         model=Model(machine.geometry()),
         controller=_stated(machine),
-        recorded=min(session.opened.at for session in solved.sessions),
-        measured=measured_words(solved.sessions[-1].opened, MINUTE),
-        digests=tuple(session.digest for session in solved.sessions),
-        cautions=tuple(map(one_line, caveats(solved))),
-        solved=solved,
+        recorded=min(session.opened.at for session in result.sessions),
+        measured=measured_words(result.sessions[-1].opened, MINUTE),
+        digests=tuple(session.digest for session in result.sessions),
+        cautions=tuple(map(one_line, caveats(result))),
+        result=result,
         view=view,
     )
     if not view:
         return offsets
-    solution = solved.solution
-    bound = bound_of_files(solved, solved.corrections.off(solution.model))
+    solution = result.solution
+    bound = bound_of_files(result, result.corrections.off(solution.model))
     return replace(
         offsets,
         parameters=rows(
@@ -250,9 +250,9 @@ def offsets_from_solved(solved: SessionSolution, *, view: bool = False) -> Offse
         model=solution.model,
         cautions=(
             bound,
-            one_line(view_words(solved)),
+            one_line(view_words(result)),
             *offsets.cautions,
-            *map(one_line, caveats_of_view(solved)),
+            *map(one_line, caveats_of_view(result)),
         ),
         lacks_fit=solution.lacks_fit,
         bound=bound,
@@ -283,9 +283,9 @@ def offsets_from_files(
     if len(paths) == 1 and is_model(paths[0]):
         return _offsets_from_model(paths[0])
     view = subset is not None or method != "exact"
-    solved = solve_files(paths, subset=subset, method=method, model=model, frame=frame, shown=view)
-    offsets = offsets_from_solved(solved, view=view)
-    return replace(offsets, cautions=(*map(one_line, solved.warnings), *offsets.cautions))
+    result = solve_files(paths, subset=subset, method=method, model=model, frame=frame, shown=view)
+    offsets = offsets_from_result(result, view=view)
+    return replace(offsets, cautions=(*map(one_line, result.warnings), *offsets.cautions))
 
 
 def _offsets_from_model(path: Path) -> Offsets:

@@ -57,13 +57,13 @@ class HexaSlideResultScreen(PagedScreen[None]):
 
     def _show(self, result: PostureResult) -> None:
         self.result = result
-        machine = result.solved.source.machine.whole()
+        machine = result.calibration.source.machine.whole()
         self.head(texts.heading_text(self.path, result))
         drawings = drawn_machine(machine, machine.box.centre)
         self.put("result", None, *drawings)
         self._show_glance()
         self.put("details", texts.details_text(result))
-        self.put("left", texts.left_text(result), *residual_charts(result.solved))
+        self.put("left", texts.left_text(result), *residual_charts(result.calibration))
         self.put("diagnosis", texts.missing_text(result))
         self.put("readings", texts.readings_text(result))
 
@@ -81,7 +81,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
     async def action_what_if(self) -> None:
         if self.result is None:
             return
-        causes = await apart(self, causes_to_try, self.result.solved.source)
+        causes = await apart(self, causes_to_try, self.result.calibration.source)
         words = what_if_texts.cause_words
         listed = [(name, words(name, weight)) for name, weight in causes.likely.items()]
         name = await self.choice(what_if_texts.WHICH, listed)
@@ -92,7 +92,7 @@ class HexaSlideResultScreen(PagedScreen[None]):
     async def action_export(self) -> None:
         result, folder = self.result, self.path.with_suffix("")
         if result is not None and (
-            paths := await self.written(partial(write_calibrated, result.solved, folder))
+            paths := await self.written(partial(write_calibrated, result.calibration, folder))
         ):
             self.app.notify(texts.exported_text(paths))
             self.folder = folder.name

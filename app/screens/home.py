@@ -92,7 +92,7 @@ class HomeScreen(MainScreen[None]):
             self.app.push_screen(screen_of("diagnose.DiagnoseScreen", [path]))
         else:
             result = await self._computed(partial(_result, path, self.app.read_only))
-            for warning in result.solved.warnings:
+            for warning in result.result.warnings:
                 self.app.notify(warning, severity="warning")
             if what == "export":
                 result.action_export()
@@ -122,7 +122,7 @@ def _result(path: Path, read_only: bool) -> ResultScreen:
     from app.screens.result import result_of
 
     screen = result_of([path], verified=not read_only)
-    screen.solved.work_out()
+    screen.result.work_out()
     return screen
 
 

@@ -56,11 +56,11 @@ class ResultScreen(PagedScreen[None]):
     )
 
     def __init__(
-        self, solved: SessionSolution, plan: Plan | None, path: Path, model: Path | None = None
+        self, result: SessionSolution, plan: Plan | None, path: Path, model: Path | None = None
     ) -> None:
         super().__init__()
         self.model = model
-        self.solved = solved
+        self.result = result
         self.plan = plan
         self.path = path
         self.before = plan.before if plan else None
@@ -71,34 +71,34 @@ class ResultScreen(PagedScreen[None]):
     @work
     async def begin(self) -> None:
         """The comparison is there at once; the rest is worked out apart, once for all keys."""
-        self.head(texts.result_heading(self.solved, self.path, self.model))
+        self.head(texts.result_heading(self.result, self.path, self.model))
         if self.before is not None:
             with self.app.complaining():  # either may have no view
-                pair = self.before.solution, self.solved.solution
+                pair = self.before.solution, self.result.solution
                 self.put("before-after", texts.comparison_text(*pair), before_and_after(*pair))
-        if not self.solved.is_worked_out:
+        if not self.result.is_worked_out:
             self.put("result", texts.WORKING_OUT)
             with self.app.complaining():
-                await apart(self, self.solved.work_out)
+                await apart(self, self.result.work_out)
         self._show()
 
     @work(group="show", exclusive=True)
     async def _show(self) -> None:
-        if self.solved.is_worked_out:  # else it is shown when it is
+        if self.result.is_worked_out:  # else it is shown when it is
             self._show_glance()
-            self.put("details", texts.solution_text(self.solved))
-            if (view := self.solved.view_solution) is None:
+            self.put("details", texts.solution_text(self.result))
+            if (view := self.result.view_solution) is None:
                 return  # there is nothing to draw; the details say why
             chart = measured_and_predicted(view)
             self.put("result", None, chart)
             self.put("plot", None, chart)
-        self.query_one(LegPlots).show(await apart(self, leg_figures, self.solved))
+        self.query_one(LegPlots).show(await apart(self, leg_figures, self.result))
 
     def _show_glance(self) -> None:
-        if self.solved.is_worked_out:
+        if self.result.is_worked_out:
             columns = min(self.size.width, 80) - 4  # beside it the plot, where there is more room
             able = {"exports": not self.app.read_only, "measures": self.plan is not None}
-            self.put("result", glance_text(self.solved, self.before, self.done, columns, **able))
+            self.put("result", glance_text(self.result, self.before, self.done, columns, **able))
             self.refresh_bindings()  # whoever shows it: it is what the keys are for
 
     def on_resize(self) -> None:
@@ -111,7 +111,7 @@ class ResultScreen(PagedScreen[None]):
             return reason
         if self.plan is None:
             return texts.NO_PLAN
-        return "" if self.solved.is_worked_out else texts.WORKING_OUT
+        return "" if self.result.is_worked_out else texts.WORKING_OUT
 
     @once("set")
     async def action_choose(self) -> None:
@@ -121,14 +121,14 @@ class ResultScreen(PagedScreen[None]):
         if subset is not None:
             if self.query_one(TabbedContent).active == "result":
                 self.action_show_page("details")
-            self.solved = self.solved.with_subset(subset)
+            self.result = self.result.with_subset(subset)
             self._show()
 
     @once("export", outlives=True)
     async def action_export(self) -> None:
         """What was written is said in passing, what to beware of stays on the page."""
         folder = self.path.with_suffix("")
-        written = await self.written(partial(export_offsets, self.solved, folder))
+        written = await self.written(partial(export_offsets, self.result, folder))
         if written is not None:
             self.app.notify(texts.exported_text(folder, written))
             self._did(Done.EXPORTED)
@@ -141,7 +141,7 @@ class ResultScreen(PagedScreen[None]):
     def action_verify(self) -> None:
         with self.app.complaining():
             if self.plan is not None:
-                plan = verification_plan(self.plan, self.solved)
+                plan = verification_plan(self.plan, self.result)
                 self.app.push_screen(screen_of("check.CheckScreen", plan))
 
     @once("report", outlives=True)
@@ -158,10 +158,10 @@ class ResultScreen(PagedScreen[None]):
 
         One of the model gets this size; any other one is for the diagnosis to adopt.
         """
-        if self.solved.view_solution is None:
-            self.app.complain(self.solved.choice.refused["joint-offsets"])
+        if self.result.view_solution is None:
+            self.app.complain(self.result.choice.refused["joint-offsets"])
             return
-        sessions, subset = self.solved.sessions, self.solved.subset
+        sessions, subset = self.result.sessions, self.result.subset
         pair = await tried(self, sessions, self.model, subset=subset)
         if pair is None:
             return
@@ -169,10 +169,10 @@ class ResultScreen(PagedScreen[None]):
         assert self.model is not None, "other effects are adopted by the diagnosis"
         self.app.notify(what_if_texts.RESIZING)
         model = await asyncio.to_thread(resize, sessions, self.model, entry)
-        solved = await apart(self, solve_sessions, sessions, subset=subset, model=model)
-        await apart(self, solved.work_out)
+        result = await apart(self, solve_sessions, sessions, subset=subset, model=model)
+        await apart(self, result.work_out)
         self.app.notify(what_if_texts.RESIZED.format(self.model))
-        self.solved = solved
+        self.result = result
         self._show()
 
     def action_diagnose(self) -> None:
@@ -190,5 +190,5 @@ def result_of(
     paths: Sequence[Path], model: Path | None = None, *, verified: bool = True
 ) -> ResultScreen:
     """That of sessions, with the effects of a model; with a plan where it may be ``verified``."""
-    solved = solve_files(paths, model=model, shown=False)
-    return ResultScreen(solved, plan_to_repeat(paths[0]) if verified else None, paths[0], model)
+    result = solve_files(paths, model=model, shown=False)
+    return ResultScreen(result, plan_to_repeat(paths[0]) if verified else None, paths[0], model)

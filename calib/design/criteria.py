@@ -135,8 +135,8 @@ def wanted_information(information: FloatArray, aim: Aim) -> FloatArray:
     if not drop:
         return np.asarray(kept_part)
     mixed = information[..., drop, :][..., keep]
-    solved = np.linalg.pinv(information[..., drop, :][..., drop], rcond=BLIND**2, hermitian=True)
-    return np.asarray(kept_part - np.swapaxes(mixed, -1, -2) @ solved @ mixed)
+    result = np.linalg.pinv(information[..., drop, :][..., drop], rcond=BLIND**2, hermitian=True)
+    return np.asarray(kept_part - np.swapaxes(mixed, -1, -2) @ result @ mixed)
 
 
 def value_of(information: FloatArray, aim: Aim) -> float:

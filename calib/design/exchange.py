@@ -163,8 +163,8 @@ def swap_ratios(rows: FloatArray, subset: IntArray, covariance: FloatArray) -> F
     moved_row = moved @ np.swapaxes(rows, 1, 2)
     grown = np.eye(r) + moved_row
     mixed = (moved.reshape(n * r, k) @ rows[subset].reshape(-1, k).T).reshape(n, r, -1)
-    solved = np.linalg.solve(grown, mixed).reshape(n, r, -1, r)
-    inner = np.einsum("nams,namt->nmst", mixed.reshape(n, r, -1, r), solved)
+    result = np.linalg.solve(grown, mixed).reshape(n, r, -1, r)
+    inner = np.einsum("nams,namt->nmst", mixed.reshape(n, r, -1, r), result)
     inner += np.eye(r) - moved_row[subset]
     return np.asarray(np.linalg.det(grown)[:, None] * np.linalg.det(inner))
 

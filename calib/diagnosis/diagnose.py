@@ -394,9 +394,12 @@ class _Report:
     def _still(self) -> Iterator[str]:
         """Indicators that read the same wherever the machine was."""
         for cells in self.posterior.sessions:
-            observed = cells.case.observed
-            first = [int(rows[0]) for rows in still_rows(observed)]
-            places = {TOUCHED_LETTERS[observed.leg[k]] + LEG_NAMES[observed.axis[k]] for k in first}
+            observations = cells.case.observations
+            first = [int(rows[0]) for rows in still_rows(observations)]
+            places = {
+                TOUCHED_LETTERS[observations.leg[k]] + LEG_NAMES[observations.axis[k]]
+                for k in first
+            }
             if places:
                 set_ups = ", ".join(sorted(places))
                 yield (
@@ -505,7 +508,7 @@ APART = ("first_take", "wild_reading", "label_error", "posture_off")
 
 def _put_right(case: SessionCase, mistakes: Sequence[Mistake]) -> CleanedReadings:
     """Readings with these mistakes corrected, one after the other, or left out."""
-    observed, visit = case.observed, case.visit
+    observations, visit = case.observations, case.visit
     count = int(visit.max()) + 1
     first = np.unique(visit, return_index=True)[1]
     place: IntArray = np.arange(count, dtype=np.intp)  # the visit whose labels each one has
@@ -521,13 +524,13 @@ def _put_right(case: SessionCase, mistakes: Sequence[Mistake]) -> CleanedReading
     rows = np.flatnonzero(~out[visit])
     labels = first[place[visit]]
     names = ("leg", "axis", "station", "displacement_mm", "approach", "cycle")
-    right = {name: getattr(observed, name)[labels] for name in names}
-    right |= {n: getattr(observed, n)[labels] for n in ("position_mm", "movement", "along_mm")}
+    right = {name: getattr(observations, name)[labels] for name in names}
+    right |= {n: getattr(observations, n)[labels] for n in ("position_mm", "movement", "along_mm")}
     moved = replace(
-        observed,
+        observations,
         **right,
-        value_mm=observed.value_mm * factor[visit],
-        mount=numbered(observed.mount[labels], slips[visit]),
+        value_mm=observations.value_mm * factor[visit],
+        mount=numbered(observations.mount[labels], slips[visit]),
     )
     return CleanedReadings(moved.take(rows), rows, slips[visit][rows])
 

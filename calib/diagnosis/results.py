@@ -193,7 +193,7 @@ class CleanedReadings:
     A row that is not named was left out. ``slips`` ``(n,)`` counts how often its stand had moved.
     """
 
-    observed: Observations
+    observations: Observations
     rows: IntArray
     slips: IntArray
 

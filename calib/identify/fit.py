@@ -89,12 +89,12 @@ class Fit:
         return np.array(self.model.parameters_mm)
 
 
-def plane_tilts_mrad(model: Model, observed: Observations) -> list[tuple[int, float]]:
+def plane_tilts_mrad(model: Model, observations: Observations) -> list[tuple[int, float]]:
     """First row of each mounting over a plane, and how far the plane leans along the leg there."""
-    residual_mm = observed.value_mm - model.readings(observed)
+    residual_mm = observations.value_mm - model.readings(observations)
     tilts_mrad = []
-    for rows in observed.mountings:
-        along = observed.along_mm[rows]
+    for rows in observations.mountings:
+        along = observations.along_mm[rows]
         if not np.isnan(along).any() and np.ptp(along) > 0.0:
             slope = np.polynomial.Polynomial.fit(along, residual_mm[rows], 1).convert().coef[-1]
             tilts_mrad.append((int(rows[0]), 1e3 * float(slope)))
@@ -102,47 +102,47 @@ def plane_tilts_mrad(model: Model, observed: Observations) -> list[tuple[int, fl
 
 
 def papers_fit(
-    model: Model, observed: Observations, free: tuple[int, ...], measured: Differences
+    model: Model, observations: Observations, free: tuple[int, ...], measured: Differences
 ) -> Fit:
     """Pseudoinverse of system (11) of papers/000: every difference counts alike."""
-    design = reading_matrix(model.geometry, observed)[:, list(free)]
+    design = reading_matrix(model.geometry, observations)[:, list(free)]
     inverse = np.linalg.pinv(measured.combine @ design)
     estimator = (measured.combine.T @ inverse.T).T
-    return _linear(model, observed, free, design, np.asarray(estimator))
+    return _linear(model, observations, free, design, np.asarray(estimator))
 
 
 def weighted_fit(
-    model: Model, observed: Observations, free: tuple[int, ...], weight: FloatArray
+    model: Model, observations: Observations, free: tuple[int, ...], weight: FloatArray
 ) -> Fit:
     """Linear fit of readings with free zeros: system (11) weighted by covariance (14)."""
-    design = reading_matrix(model.geometry, observed)[:, list(free)]
-    return _linear(model, observed, free, design, _estimator(observed, weight, design))
+    design = reading_matrix(model.geometry, observations)[:, list(free)]
+    return _linear(model, observations, free, design, _estimator(observations, weight, design))
 
 
 def _linear(
     model: Model,
-    observed: Observations,
+    observations: Observations,
     free: tuple[int, ...],
     design: FloatArray,
     estimator: FloatArray,
 ) -> Fit:
-    nominal = model.readings(observed)
-    step = estimator @ (observed.value_mm - nominal)
+    nominal = model.readings(observations)
+    step = estimator @ (observations.value_mm - nominal)
     parameters = np.array(model.parameters_mm)
     parameters[list(free)] += step
     return Fit(model.with_parameters(parameters), design, nominal + design @ step, estimator)
 
 
-def _estimator(observed: Observations, weight: FloatArray, design: FloatArray) -> FloatArray:
+def _estimator(observations: Observations, weight: FloatArray, design: FloatArray) -> FloatArray:
     """The weighted least squares estimate as a linear map of the readings ``(k, n_readings)``."""
-    centred = without_zeros(observed, weight, design)
+    centred = without_zeros(observations, weight, design)
     root = np.sqrt(weight)
     return np.asarray(np.linalg.pinv(root[:, None] * centred, rcond=EXACT_BLIND) * root)
 
 
 def exact_fit(
     model: Model,
-    observed: Observations,
+    observations: Observations,
     free: tuple[int, ...],
     weight: FloatArray,
     sizes: tuple[Size, ...] = (),
@@ -155,20 +155,22 @@ def exact_fit(
     """
     if model.effects:
         spread = np.full(len(free) + len(sizes), np.inf)
-        fitted = _at_rest(model, observed, free, weight, sizes, spread, begin).model
+        fitted = _at_rest(model, observations, free, weight, sizes, spread, begin).model
     else:
-        optimum = PlainFit.of(model, observed, free, weight).solve(observed.value_mm[:, None])
+        optimum = PlainFit.of(model, observations, free, weight).solve(
+            observations.value_mm[:, None]
+        )
         if not optimum.converged[0]:
-            raise _no_optimum("no optimum within reach", observed)
+            raise _no_optimum("no optimum within reach", observations)
         fitted = _moved_to(model, free, (), optimum.values[:, 0])
-    with within_reach(observed):
-        predicted, design = _predicted(fitted, observed, free, sizes)
-    return Fit(fitted, design, predicted, _estimator(observed, weight, design))
+    with within_reach(observations):
+        predicted, design = _predicted(fitted, observations, free, sizes)
+    return Fit(fitted, design, predicted, _estimator(observations, weight, design))
 
 
 def prior_fit(
     model: Model,
-    observed: Observations,
+    observations: Observations,
     weight: FloatArray,
     tolerance_mm: FloatArray,
     sizes: tuple[Size, ...] = (),
@@ -182,12 +184,12 @@ def prior_fit(
     """
     free = tuple(range(len(PARAMETER_NAMES)))
     tolerance = np.concatenate([tolerance_mm, np.full(len(sizes), np.inf)])
-    return _at_rest(model, observed, free, weight, sizes, tolerance, begin)
+    return _at_rest(model, observations, free, weight, sizes, tolerance, begin)
 
 
 def _at_rest(
     model: Model,
-    observed: Observations,
+    observations: Observations,
     free: tuple[int, ...],
     weight: FloatArray,
     sizes: tuple[Size, ...],
@@ -204,24 +206,26 @@ def _at_rest(
     within = tolerance[: len(free)]
     least = np.where(np.isfinite(within), within, NO_TOLERANCE_MM)
     least = np.append(least, [size.tolerance for size in sizes])
-    with within_reach(observed):
-        evaluate = _evaluator(model, observed, free, sizes)
+    with within_reach(observations):
+        evaluate = _evaluator(model, observations, free, sizes)
     for _ in range(MOST_STEPS):
-        with within_reach(observed):
+        with within_reach(observations):
             predicted, design = evaluate(values)
-        centred = without_zeros(observed, weight, design)
+        centred = without_zeros(observations, weight, design)
         pull = centred.T * weight
-        with within_reach(observed):
+        with within_reach(observations):
             inverse = np.linalg.inv(pull @ centred + precision)
         estimator = np.asarray(inverse @ pull)
-        step = estimator @ (observed.value_mm - predicted) + inverse @ precision @ (base - values)
+        step = estimator @ (observations.value_mm - predicted) + inverse @ precision @ (
+            base - values
+        )
         values = values + step
         # with very little noise, rounding goes on along what only the tolerances hold
         if float(np.abs(step).max()) < SMALL_STEP_MM:
             break
     else:
         if not (np.abs(step) < ROUNDING_STEP * least).all():
-            raise _no_optimum(f"no rest after {MOST_STEPS} steps", observed)
+            raise _no_optimum(f"no rest after {MOST_STEPS} steps", observations)
     return Fit(_moved_to(model, free, sizes, values), design, predicted, estimator)
 
 
@@ -245,17 +249,17 @@ def _moved_to(
 
 
 def _evaluator(
-    model: Model, observed: Observations, free: Sequence[int], sizes: Sequence[Size]
+    model: Model, observations: Observations, free: Sequence[int], sizes: Sequence[Size]
 ) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
     """`_predicted` for values ``(k,)``; in closed form, each posture once, where no effect acts."""
 
     def simulated(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return _predicted(_moved_to(model, free, sizes, values), observed, free, sizes)
+        return _predicted(_moved_to(model, free, sizes, values), observations, free, sizes)
 
     if model.effects:
         return simulated
-    first, place = np.unique(observed.posture, return_index=True, return_inverse=True)[1:]
-    closed = plain_design(model.geometry, observed.take(first))
+    first, place = np.unique(observations.posture, return_index=True, return_inverse=True)[1:]
+    closed = plain_design(model.geometry, observations.take(first))
 
     def plain(values: FloatArray) -> tuple[FloatArray, FloatArray]:
         with np.errstate(invalid="ignore"):
@@ -268,17 +272,17 @@ def _evaluator(
 
 
 def design_of(
-    model: Model, observed: Conditions, free: Sequence[int], sizes: Sequence[Size]
+    model: Model, observations: Conditions, free: Sequence[int], sizes: Sequence[Size]
 ) -> FloatArray:
     """Derivatives ``(n_readings, k)`` by free parameters and sizes, by the complex step."""
-    return _predicted(model, observed, free, sizes)[1]
+    return _predicted(model, observations, free, sizes)[1]
 
 
 def _predicted(
-    model: Model, observed: Conditions, free: Sequence[int], sizes: Sequence[Size]
+    model: Model, observations: Conditions, free: Sequence[int], sizes: Sequence[Size]
 ) -> tuple[FloatArray, FloatArray]:
     """Readings ``(n_readings,)`` and `design_of`."""
-    machine = model.geometry, model.parameters_mm, observed
+    machine = model.geometry, model.parameters_mm, observations
     predicted, base = readings_and_derivatives(*machine, model.effects)
     columns = [base[:, list(free)]]
     for size in sizes:
@@ -288,36 +292,36 @@ def _predicted(
 
 
 @contextmanager
-def within_reach(observed: Observations) -> Iterator[None]:
+def within_reach(observations: Observations) -> Iterator[None]:
     """Where the legs cannot meet, or nothing shows a value, there is no optimum."""
     try:
         yield
     except UnreachablePosture as problem:
-        raise _no_optimum("only machines whose legs cannot meet", observed) from problem
+        raise _no_optimum("only machines whose legs cannot meet", observations) from problem
     except np.linalg.LinAlgError as problem:
-        raise _no_optimum(str(problem), observed) from problem
+        raise _no_optimum(str(problem), observations) from problem
 
 
-def _no_optimum(reason: str, observed: Observations) -> NotIdentifiable:
+def _no_optimum(reason: str, observations: Observations) -> NotIdentifiable:
     return NotIdentifiable(
         "exact identification",
         reason,
         "readings that some machine near the nominal one could give",
-        f"Look for a wrong reading or unit, {_furthest_words(observed)}.",
+        f"Look for a wrong reading or unit, {_furthest_words(observations)}.",
     )
 
 
-def _furthest_words(observed: Observations) -> str:
+def _furthest_words(observations: Observations) -> str:
     """The reading that is furthest from the median of its mounting."""
-    off_mm = np.zeros(len(observed))
-    for rows in observed.mountings:
-        off_mm[rows] = observed.value_mm[rows] - np.median(observed.value_mm[rows])
+    off_mm = np.zeros(len(observations))
+    for rows in observations.mountings:
+        off_mm[rows] = observations.value_mm[rows] - np.median(observations.value_mm[rows])
     row = int(np.abs(off_mm).argmax())
-    axis = "XYZ"[observed.axis[row]]
-    place = "the tool" if observed.leg[row] == TOOL else f"leg {'XYZ'[observed.leg[row]]}"
+    axis = "XYZ"[observations.axis[row]]
+    place = "the tool" if observations.leg[row] == TOOL else f"leg {'XYZ'[observations.leg[row]]}"
     return (
-        f"first at {place} along {axis}, {observed.posture_words(row)}: "
-        f"{observed.value_mm[row]:g} mm"
+        f"first at {place} along {axis}, {observations.posture_words(row)}: "
+        f"{observations.value_mm[row]:g} mm"
     )
 
 
@@ -341,15 +345,15 @@ class PlainFit:
 
     @classmethod
     def of(
-        cls, model: Model, observed: Observations, free: tuple[int, ...], weight: FloatArray
+        cls, model: Model, observations: Observations, free: tuple[int, ...], weight: FloatArray
     ) -> PlainFit:
         """Prepare for readings taken like these, with weights ``(n_readings,)``."""
-        place = observed.posture
+        place = observations.posture
         first = np.unique(place, return_index=True)[1]
         total = np.asarray(np.bincount(place, weight), dtype=np.float64)
-        average = np.zeros((len(first), len(observed)))
-        average[place, np.arange(len(observed))] = weight / total[place]
-        places = observed.take(first)
+        average = np.zeros((len(first), len(observations)))
+        average[place, np.arange(len(observations))] = weight / total[place]
+        places = observations.take(first)
         design = plain_design(model.geometry, places)
         centred = without_zeros(places, total, np.eye(len(total)))
         whiten = np.asarray(np.sqrt(total)[:, None] * centred)

@@ -89,12 +89,12 @@ class IdentificationCase:
     def of(
         cls,
         model: Model,
-        observed: Observations,
+        observations: Observations,
         indicator: IndicatorFigures,
         sizes: tuple[Size, ...] = (),
     ) -> Self:
         """Raises NotIdentifiable where no mounting has two postures."""
-        visited = visits(observed)
+        visited = visits(observations)
         if sizes or model.effects:  # play may be among them
             visited = with_first_movements(model.geometry, visited)
         measured = differences(model.geometry, visited)
@@ -338,13 +338,13 @@ class Propagation:
 
     def with_prior(
         self,
-        observed: Observations,
+        observations: Observations,
         weight: FloatArray,
         design: FloatArray,
         tolerance_mm: FloatArray,
     ) -> Propagation:
         """The same with what tolerances ``(k,)`` leave open: the covariance of Bayes' estimate."""
-        centred = without_zeros(observed, weight, design)
+        centred = without_zeros(observations, weight, design)
         information = (centred.T * weight) @ centred
         posterior = np.asarray(np.linalg.inv(information + np.diag(tolerance_mm**-2.0)))
         share = self.covariance_mm2.diagonal() / posterior.diagonal()
@@ -354,23 +354,23 @@ class Propagation:
         return Propagation(posterior, degrees, held_mm2, self.rounding_mm2)
 
 
-def propagate(estimator: FloatArray, observed: Observations, noise: Noise) -> Propagation:
+def propagate(estimator: FloatArray, observations: Observations, noise: Noise) -> Propagation:
     """Law of propagation (GUM 5.2) for a linear map ``(k, n_readings)`` of the readings.
 
     Each reading has a scatter of its own; rounding that is locked is common to the readings of a
     posture. Degrees of freedom after Welch and Satterthwaite (GUM G.4.1), one contribution for each
     indicator, one in all where they are pooled.
     """
-    repeatability_mm2 = noise.repeatability_mm2(observed)
+    repeatability_mm2 = noise.repeatability_mm2(observations)
     covariance = (estimator * repeatability_mm2) @ estimator.T
-    together = np.asarray((_at_places(observed, noise).T @ estimator.T).T)
+    together = np.asarray((_at_places(observations, noise).T @ estimator.T).T)
     shared = together @ together.T
     covariance = covariance + shared
     variance, squares = covariance.diagonal(), estimator**2 * repeatability_mm2
     degrees_of_indicator = np.array(
         [indicator.degrees_of_freedom for indicator in noise.indicators]
     )
-    group = noise.estimates[observed.indicator]
+    group = noise.estimates[observations.indicator]
     spread = np.zeros_like(variance)
     for number in np.unique(group):
         contribution = squares[:, group == number].sum(axis=1)
@@ -380,26 +380,26 @@ def propagate(estimator: FloatArray, observed: Observations, noise: Noise) -> Pr
     return Propagation(covariance, degrees, np.zeros_like(covariance), shared)
 
 
-def _independent(measured: Differences, observed: Observations) -> int:
+def _independent(measured: Differences, observations: Observations) -> int:
     """How many differences are: those of contacts of a mounting add up to nothing."""
-    return len(measured) - len(np.unique(observed.mount[observed.contact]))
+    return len(measured) - len(np.unique(observations.mount[observations.contact]))
 
 
-def uncertainties(combine: csr_array, observed: Observations, noise: Noise) -> FloatArray:
+def uncertainties(combine: csr_array, observations: Observations, noise: Noise) -> FloatArray:
     """Standard uncertainties ``(k,)`` for a sparse map ``(k, n_readings)``, mm; no covariances."""
-    variance_mm2 = combine.multiply(combine) @ noise.repeatability_mm2(observed)
-    together = combine @ _at_places(observed, noise)
+    variance_mm2 = combine.multiply(combine) @ noise.repeatability_mm2(observations)
+    together = combine @ _at_places(observations, noise)
     shared = together.multiply(together).sum(axis=1)
     return np.sqrt(
         np.asarray(variance_mm2, dtype=np.float64) + np.asarray(shared, dtype=np.float64)
     )
 
 
-def _at_places(observed: Observations, noise: Noise) -> csr_array:
+def _at_places(observations: Observations, noise: Noise) -> csr_array:
     """What each reading shares with its posture ``(n_readings, n_places)``, mm."""
-    place = observed.posture
+    place = observations.posture
     rows = np.arange(len(place))
     return csr_array(
-        (np.sqrt(noise.quantisation_mm2(observed)), (rows, place)),
+        (np.sqrt(noise.quantisation_mm2(observations)), (rows, place)),
         shape=(len(place), int(place.max()) + 1),
     )

@@ -39,14 +39,14 @@ LEAST_LOCKED = 1e-6
 class Campaign:
     """What is simulated: a kind of session, the scatter of its readings, the machines.
 
-    Every session has the postures and repeats of ``observed`` (its values do not matter). Each
+    Every session has the postures and repeats of ``observations`` (its values do not matter). Each
     machine departs from ``model`` by normal errors of standard deviation ``spread_mm`` ``(6,)`` in
     the free parameters. With ``noise_known`` scatter and resolution are stated, not taken from the
     repeats of each session.
     """
 
     model: Model
-    observed: Observations
+    observations: Observations
     free: tuple[int, ...]
     scatter_mm: float
     resolution_mm: float
@@ -54,7 +54,9 @@ class Campaign:
     noise_known: bool = False
 
     @classmethod
-    def like(cls, solution: Solution, observed: Observations, figures: IndicatorFigures) -> Self:
+    def like(
+        cls, solution: Solution, observations: Observations, figures: IndicatorFigures
+    ) -> Self:
         """Sessions like the one of a solution, on machines like the one it found.
 
         All indicators scatter alike there; with a coarse display the machines differ by some steps.
@@ -70,7 +72,7 @@ class Campaign:
         step = figures.display_mm if rounded else 0.0
         return cls(
             solution.model,
-            visits(observed),
+            visits(observations),
             SUBSETS[solution.subset],
             scatter_of_repeatability(repeatability_mm2, step),
             step,
@@ -131,16 +133,16 @@ class _Kind:
 
     @classmethod
     def of(cls, campaign: Campaign) -> _Kind:
-        observed = campaign.observed
-        count = observed.indicator_count
+        observations = campaign.observations
+        count = observations.indicator_count
         expected = IndicatorFigures(campaign.resolution_mm, campaign.scatter_mm).noise(count)
         # perfect readings: equal weights, whatever they are
         expected = expected or Noise((IndicatorNoise(1.0, 0.0, math.inf),) * count, "instrument")
-        weight = reading_weights(observed, expected)
-        fit = PlainFit.of(campaign.model, observed, campaign.free, weight)
+        weight = reading_weights(observations, expected)
+        fit = PlainFit.of(campaign.model, observations, campaign.free, weight)
         place = np.argmax(fit.average > 0.0, axis=0)
-        together = np.asarray(np.bincount(place, observed.averaged), dtype=np.float64)
-        repeats = Repeats.of(observed)
+        together = np.asarray(np.bincount(place, observations.averaged), dtype=np.float64)
+        repeats = Repeats.of(observations)
         return cls(campaign, fit, repeats, together, place, expected.indicators[0])
 
     def sums(
@@ -161,15 +163,15 @@ class _Kind:
 
     def draw(self, count: int, generator: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """True free parameters ``(k, count)`` and readings ``(n_readings, count)``, mm."""
-        campaign, observed = self.campaign, self.campaign.observed
+        campaign, observations = self.campaign, self.campaign.observations
         index = list(campaign.free)
         truth = np.repeat(np.array(campaign.model.parameters_mm)[:, None], count, axis=1)
         spread = campaign.spread_mm[index, None]
         truth[index] += spread * generator.normal(size=(len(index), count))
         exact = self.fit.design.readings(truth)[self.place]
-        zeros = generator.normal(scale=ZERO_SPREAD_MM, size=(observed.mount_count, count))
-        scatter = campaign.scatter_mm / np.sqrt(observed.averaged)[:, None]
-        noisy = exact + zeros[observed.mount] + scatter * generator.normal(size=exact.shape)
+        zeros = generator.normal(scale=ZERO_SPREAD_MM, size=(observations.mount_count, count))
+        scatter = campaign.scatter_mm / np.sqrt(observations.averaged)[:, None]
+        noisy = exact + zeros[observations.mount] + scatter * generator.normal(size=exact.shape)
         return truth[index], round_to(noisy, campaign.resolution_mm)
 
     def intervals(self, optimum: Optimum, values: FloatArray) -> tuple[FloatArray, FloatArray]:

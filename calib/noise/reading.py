@@ -123,15 +123,15 @@ class Noise:
         alike = IndicatorNoise(scatter, shared, self.degrees_of_freedom)
         return replace(self, indicators=(alike,) * count, pooled=True, outliers=())
 
-    def repeatability_mm2(self, observed: Observations) -> FloatArray:
+    def repeatability_mm2(self, observations: Observations) -> FloatArray:
         """Variance of each value ``(n_readings,)`` that repeats reduce, mm²."""
         scatter = np.array([indicator.repeatability_mm2 for indicator in self.indicators])
-        return np.asarray(scatter[observed.indicator] / observed.averaged)
+        return np.asarray(scatter[observations.indicator] / observations.averaged)
 
-    def quantisation_mm2(self, observed: Observations) -> FloatArray:
+    def quantisation_mm2(self, observations: Observations) -> FloatArray:
         """Variance that each value ``(n_readings,)`` shares with its repeats, mm²."""
         shared = np.array([indicator.quantisation_mm2 for indicator in self.indicators])
-        return np.asarray(shared[observed.indicator])
+        return np.asarray(shared[observations.indicator])
 
     def scattering(self, factor: float) -> Noise:
         """The same noise with the variance that repeats show times ``factor``."""
@@ -144,19 +144,21 @@ class Noise:
         )
 
 
-def reading_weights(observed: Observations, noise: Noise | None) -> FloatArray:
+def reading_weights(observations: Observations, noise: Noise | None) -> FloatArray:
     """Weight of each value ``(n_readings,)`` in 1/mm² such that those of a posture add up right.
 
     Values of one mounting in one posture have together the weight of their mean,
     1/(repeatability/n + quantisation). Without a noise the number of averaged readings serves.
     """
     if noise is None:
-        return observed.averaged
-    place = observed.posture
-    together = np.bincount(place, observed.averaged)[place]
+        return observations.averaged
+    place = observations.posture
+    together = np.bincount(place, observations.averaged)[place]
     repeatability = np.array([indicator.repeatability_mm2 for indicator in noise.indicators])
-    of_mean = repeatability[observed.indicator] / together + noise.quantisation_mm2(observed)
-    return np.asarray(observed.averaged / together / of_mean)
+    of_mean = repeatability[observations.indicator] / together + noise.quantisation_mm2(
+        observations
+    )
+    return np.asarray(observations.averaged / together / of_mean)
 
 
 @dataclass(frozen=True)
@@ -213,7 +215,7 @@ class IndicatorFigures:
         return Noise((indicator_noise,) * indicator_count, "instrument")
 
 
-def visits(observed: Observations, visit: IntArray | None = None) -> Observations:
+def visits(observations: Observations, visit: IntArray | None = None) -> Observations:
     """Average what was read in place: readings of a mounting with no motion between them.
 
     Neither of the machine nor of a stand along its plane. ``visit`` ``(n_readings,)`` numbers the
@@ -221,31 +223,33 @@ def visits(observed: Observations, visit: IntArray | None = None) -> Observation
 
     Such repeats share the error of their approach, so they count as one reading, not as several.
     """
-    visit = visit_numbers(observed) if visit is None else visit
+    visit = visit_numbers(observations) if visit is None else visit
     first = np.unique(visit, return_index=True)[1]
-    if len(first) == len(observed):
-        return observed
-    weight = np.bincount(visit, observed.averaged)
-    mean = np.bincount(visit, observed.averaged * observed.value_mm) / weight
+    if len(first) == len(observations):
+        return observations
+    weight = np.bincount(visit, observations.averaged)
+    mean = np.bincount(visit, observations.averaged * observations.value_mm) / weight
     return replace(
-        observed.take(first), value_mm=mean, averaged=weight / np.bincount(visit).astype(np.float64)
+        observations.take(first),
+        value_mm=mean,
+        averaged=weight / np.bincount(visit).astype(np.float64),
     )
 
 
-def visit_starts(observed: Observations) -> IntArray:
+def visit_starts(observations: Observations) -> IntArray:
     """Row of the first reading of each visit ``(n_visits,)``, in the order of `visits`."""
-    return np.asarray(np.unique(visit_numbers(observed), return_index=True)[1])
+    return np.asarray(np.unique(visit_numbers(observations), return_index=True)[1])
 
 
-def visit_numbers(observed: Observations) -> IntArray:
+def visit_numbers(observations: Observations) -> IntArray:
     """Number of the visit that each reading ``(n_readings,)`` belongs to, counted as they begin.
 
     The tool leaves the plate after each contact.
     """
-    order = np.argsort(observed.mount, kind="stable")
-    mount, posture = observed.mount[order], observed.posture[order]
+    order = np.argsort(observations.mount, kind="stable")
+    mount, posture = observations.mount[order], observations.posture[order]
     begins = np.append(True, (np.diff(mount) != 0) | (np.diff(posture) != 0))[: len(order)]
-    begins |= observed.contact[order]
+    begins |= observations.contact[order]
     visit = np.empty(len(order), dtype=np.intp)
     visit[order] = numbered(order[begins])[np.cumsum(begins) - 1]
     return visit
@@ -366,23 +370,23 @@ class NoisyIndicator:
     scatter_mm: float
 
 
-def noisy_indicators(observed: Observations, noise: Noise) -> list[NoisyIndicator]:
+def noisy_indicators(observations: Observations, noise: Noise) -> list[NoisyIndicator]:
     """Indicators with an estimate of their own, the noisiest first."""
     quiet = noise.quiet_mm2
     noisy = []
     for k, indicator in enumerate(noise.indicators):
         if indicator.variance_mm2 > quiet:
-            rows = np.flatnonzero(observed.indicator == k)
-            single = len(np.unique(observed.mount[rows])) == 1
+            rows = np.flatnonzero(observations.indicator == k)
+            single = len(np.unique(observations.mount[rows])) == 1
             scatter = math.sqrt(indicator.variance_mm2)
             noisy.append(NoisyIndicator(int(rows[0]), single, k + 1, scatter))
     return descending(noisy, lambda indicator: indicator.scatter_mm)
 
 
-def single_posture_rows(observed: Observations) -> list[IntArray]:
+def single_posture_rows(observations: Observations) -> list[IntArray]:
     """Rows of each mounting of a single posture: without another one they say nothing."""
-    posture = numbered(observed.displacement_mm, *observed.position_mm.T)
-    return [rows for rows in observed.mountings if len(np.unique(posture[rows])) == 1]
+    posture = numbered(observations.displacement_mm, *observations.position_mm.T)
+    return [rows for rows in observations.mountings if len(np.unique(posture[rows])) == 1]
 
 
 LEAST_STILL = 3
@@ -390,12 +394,12 @@ LEAST_STILL = 3
 are alike wherever a leg happens to be true to a step of the display."""
 
 
-def still_rows(observed: Observations) -> list[IntArray]:
+def still_rows(observations: Observations) -> list[IntArray]:
     """Rows of each mounting that reads one value in `LEAST_STILL` postures or more; no contacts."""
     return [
         rows
-        for rows in observed.mountings
-        if len(np.unique(observed.posture[rows])) >= LEAST_STILL
-        and not observed.contact[rows].any()
-        and not np.ptp(observed.value_mm[rows])
+        for rows in observations.mountings
+        if len(np.unique(observations.posture[rows])) >= LEAST_STILL
+        and not observations.contact[rows].any()
+        and not np.ptp(observations.value_mm[rows])
     ]

@@ -69,7 +69,7 @@ class Repeats:
     ``degrees_of_freedom`` ``(n_indicators,)`` counts what is left.
     """
 
-    observed: Observations
+    observations: Observations
     cell: IntArray
     cycles: tuple[tuple[IntArray, FloatArray], ...]
     leverage: FloatArray
@@ -100,12 +100,12 @@ class Repeats:
     def standard_deviation_mm(self) -> float | None:
         """Of a single value, all indicators pooled, mm; None without repeats."""
         free = float(self.degrees_of_freedom.sum())
-        square = float(self.sums_of_squares(self.observed.value_mm[:, None]).sum())
+        square = float(self.sums_of_squares(self.observations.value_mm[:, None]).sum())
         return math.sqrt(square / free) if free else None
 
     def scatter(self, value_mm: FloatArray) -> FloatArray:
         """What repeats leave of values ``(n_readings, b)``, weighted; same shape, mm."""
-        departure_mm = _without_cells(np.sqrt(self.observed.averaged), self.cell, value_mm)
+        departure_mm = _without_cells(np.sqrt(self.observations.averaged), self.cell, value_mm)
         for rows, basis in self.cycles:
             departure_mm[rows] = without(basis, departure_mm[rows])
         return departure_mm
@@ -113,8 +113,8 @@ class Repeats:
     def sums_of_squares(self, value_mm: FloatArray) -> FloatArray:
         """Sums of squares ``(n_indicators, b)`` in mm² for values ``(n_readings, b)``."""
         squares = self.scatter(value_mm) ** 2
-        total = np.zeros((self.observed.indicator_count, squares.shape[1]))
-        np.add.at(total, self.observed.indicator, squares)
+        total = np.zeros((self.observations.indicator_count, squares.shape[1]))
+        np.add.at(total, self.observations.indicator, squares)
         return total
 
 
@@ -155,14 +155,14 @@ def disagreeing(repeats: Repeats, floor_mm2: float) -> list[int]:
     ``floor_mm2`` is the rounding of the display; where that is zero and most repeats agree exactly,
     nothing tells what is far.
     """
-    observed, cell = repeats.observed, repeats.cell
+    observations, cell = repeats.observations, repeats.cell
     typical = typical_mm2(repeats)
-    if typical is None or max(floor_mm2, float(typical.max())) <= arithmetic_mm2(observed):
+    if typical is None or max(floor_mm2, float(typical.max())) <= arithmetic_mm2(observations):
         return []
-    far = DISAGREES**2 * np.maximum(typical, floor_mm2)[observed.mount]
+    far = DISAGREES**2 * np.maximum(typical, floor_mm2)[observations.mount]
     apart: list[int] = []
     while True:
-        share = _off_their_cells(observed, cell) ** 2 / far
+        share = _off_their_cells(observations, cell) ** 2 / far
         worst = largest(share)
         if share[worst] <= 1.0:
             return apart
@@ -180,13 +180,13 @@ def set_apart(cell: IntArray, rows: Sequence[int] | IntArray) -> IntArray:
     return numbered(parted)
 
 
-def _off_their_cells(observed: Observations, cell: IntArray) -> FloatArray:
+def _off_their_cells(observations: Observations, cell: IntArray) -> FloatArray:
     """How far each reading ``(n,)`` is from its repeats, mm; 0 where it has none."""
-    open_share = 1.0 - observed.averaged / np.bincount(cell, observed.averaged)[cell]
+    open_share = 1.0 - observations.averaged / np.bincount(cell, observations.averaged)[cell]
     judged = open_share > NEW_DIRECTION**2
-    departure_mm = _without_cells(np.sqrt(observed.averaged), cell, observed.value_mm[:, None])[
-        :, 0
-    ]
+    departure_mm = _without_cells(
+        np.sqrt(observations.averaged), cell, observations.value_mm[:, None]
+    )[:, 0]
     return np.where(judged, departure_mm / np.sqrt(np.where(judged, open_share, 1.0)), 0.0)
 
 
@@ -196,7 +196,7 @@ def typical_mm2(repeats: Repeats) -> FloatArray | None:
     Each repeat is compared with the next of its cell, the last with the first. At least that of the
     middle mounting.
     """
-    observed = repeats.observed
+    observations = repeats.observations
     order = np.argsort(repeats.cell, kind="stable")
     following = np.empty_like(order)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(repeats.cell[order])) + 1])
@@ -208,19 +208,19 @@ def typical_mm2(repeats: Repeats) -> FloatArray | None:
     here, there = order[once], following[once]
     if not len(here):
         return None
-    weight = 1.0 / observed.averaged[here] + 1.0 / observed.averaged[there]
-    apart = np.abs(observed.value_mm[here] - observed.value_mm[there]) / np.sqrt(weight)
-    mount = observed.mount[here]
-    typical = np.full(observed.mount_count, np.nan)
+    weight = 1.0 / observations.averaged[here] + 1.0 / observations.averaged[there]
+    apart = np.abs(observations.value_mm[here] - observations.value_mm[there]) / np.sqrt(weight)
+    mount = observations.mount[here]
+    typical = np.full(observations.mount_count, np.nan)
     for number in np.unique(mount):
         typical[number] = np.median(apart[mount == number])
     middle = float(np.nanmedian(typical))
     return np.asarray((np.fmax(typical, middle) / MEDIAN_OF_NORMAL) ** 2)
 
 
-def arithmetic_mm2(observed: Observations) -> float:
+def arithmetic_mm2(observations: Observations) -> float:
     """Less than this is floating point arithmetic, not scatter."""
-    return (ROUNDING * float(np.abs(observed.value_mm).max(initial=0.0))) ** 2
+    return (ROUNDING * float(np.abs(observations.value_mm).max(initial=0.0))) ** 2
 
 
 def outlying_readings(repeats: Repeats, floor_mm2: float) -> tuple[Outlier, ...]:
@@ -231,16 +231,16 @@ def outlying_readings(repeats: Repeats, floor_mm2: float) -> tuple[Outlier, ...]
     others, else that of its own indicator. ``floor_mm2`` is the least variance that a reading can
     have: the rounding of its display.
     """
-    departure_mm = repeats.scatter(repeats.observed.value_mm[:, None])[:, 0]
+    departure_mm = repeats.scatter(repeats.observations.value_mm[:, None])[:, 0]
     free = float(repeats.degrees_of_freedom.sum())
     open_share = 1.0 - repeats.leverage
     judged = np.flatnonzero(open_share > NEW_DIRECTION**2)
     if free <= 1.0 or not len(judged):
         return ()
     square = departure_mm[judged] ** 2 / open_share[judged]
-    squares = repeats.sums_of_squares(repeats.observed.value_mm[:, None])[:, 0]
+    squares = repeats.sums_of_squares(repeats.observations.value_mm[:, None])[:, 0]
     variance, nu = _others(
-        squares, repeats.degrees_of_freedom, repeats.observed.indicator[judged], square
+        squares, repeats.degrees_of_freedom, repeats.observations.indicator[judged], square
     )
     t = np.sign(departure_mm[judged]) * np.sqrt(square / np.maximum(variance, max(floor_mm2, TINY)))
     p = np.minimum(two_sided_p_values(t, nu) * len(judged), 1.0)
@@ -257,22 +257,22 @@ def cycle_drift(repeats: Repeats, floor_mm2: float) -> float | None:
     Mean square of the cycles, cells taken out, against that of the repeats (variance ratio). What
     drifts within a cycle is not seen here and goes into the differences.
     """
-    observed = repeats.observed
+    observations = repeats.observations
     departure_mm = _without_cells(
-        np.sqrt(observed.averaged), repeats.cell, observed.value_mm[:, None]
+        np.sqrt(observations.averaged), repeats.cell, observations.value_mm[:, None]
     )
     square = sum(squares_in(basis, departure_mm[rows]) for rows, basis in repeats.cycles)
     rank = float(sum(basis.shape[1] for _, basis in repeats.cycles))
     free = float(repeats.degrees_of_freedom.sum())
     if not rank or free <= 0.0:
         return None
-    scatter = float(repeats.sums_of_squares(observed.value_mm[:, None]).sum()) / free
+    scatter = float(repeats.sums_of_squares(observations.value_mm[:, None]).sum()) / free
     scatter = max(scatter, floor_mm2, TINY)
     between = square / rank
     if variance_ratio_p_value(between / scatter, rank, free) >= OUTLIER_LEVEL:
         return None
-    share = observed.averaged / np.bincount(repeats.cell, observed.averaged)[repeats.cell]
-    per_cycle = float((observed.averaged * (1.0 - share)).sum()) / rank
+    share = observations.averaged / np.bincount(repeats.cell, observations.averaged)[repeats.cell]
+    per_cycle = float((observations.averaged * (1.0 - share)).sum()) / rank
     return math.sqrt((between - scatter) / per_cycle)
 
 

@@ -46,7 +46,9 @@ def independent(rho: float, columns: FloatArray) -> FloatArray:
     return np.concatenate([columns[:1], differences])
 
 
-def serial_correlation(observed: Observations, cell: IntArray, variance_mm2: FloatArray) -> float:
+def serial_correlation(
+    observations: Observations, cell: IntArray, variance_mm2: FloatArray
+) -> float:
     """The expected correlation from one visit to the next, all mountings together.
 
     ``cell`` and ``variance_mm2`` ``(n_visits,)`` are those of the visits. Restricted likelihood
@@ -55,7 +57,7 @@ def serial_correlation(observed: Observations, cell: IntArray, variance_mm2: Flo
     """
     root = 1.0 / np.sqrt(variance_mm2)
     squares, log_determinants, free = np.zeros(len(RHOS)), np.zeros(len(RHOS)), 0
-    for rows in observed.mountings:
+    for rows in observations.mountings:
         order = np.linspace(-1.0, 1.0, len(rows))[:, None]
         beside = np.hstack([incidence(numbered(cell[rows])), order])
         whitened = root[rows, None] * beside
@@ -63,10 +65,10 @@ def serial_correlation(observed: Observations, cell: IntArray, variance_mm2: Flo
         if len(rows) <= basis.shape[1]:
             continue
         free += len(rows) - basis.shape[1]
-        square, log_determinant = _beside(basis, root[rows] * observed.value_mm[rows])
+        square, log_determinant = _beside(basis, root[rows] * observations.value_mm[rows])
         squares += square
         log_determinants += log_determinant
-    least = arithmetic_mm2(observed) * float(root.max()) ** 2 * free
+    least = arithmetic_mm2(observations) * float(root.max()) ** 2 * free
     if free < LEAST_FREEDOM or squares.min() <= least:
         return 0.0
     log_likelihood = -0.5 * (log_determinants + free * np.log(squares))

@@ -104,7 +104,7 @@ class SessionCase:
     """
 
     model: Model
-    observed: Observations
+    observations: Observations
     indicator: IndicatorFigures
     tolerance_mm: FloatArray
     others: Noise | None = None
@@ -179,7 +179,7 @@ class SessionCase:
             for (law, place), size in self.geometry.items()
             if law.id in self.as_stated.free
             and (law, place) not in self.free
-            and place in law.places(self.observed)
+            and place in law.places(self.observations)
         }
 
     @cached_property
@@ -213,9 +213,9 @@ class SessionCase:
     @property
     def shows(self) -> bool:
         """Whether the session shows anything of a machine; readings of one posture do not."""
-        observed = self.observed
-        place_count = int(numbered(observed.mount, observed.posture).max(initial=-1)) + 1
-        return place_count > observed.mount_count or len(self.distances) > 0
+        observations = self.observations
+        place_count = int(numbered(observations.mount, observations.posture).max(initial=-1)) + 1
+        return place_count > observations.mount_count or len(self.distances) > 0
 
     @cached_property
     def visit(self) -> IntArray:
@@ -224,15 +224,15 @@ class SessionCase:
         What was read in place agrees but for the indicator: a reading that jumps away from the one
         before was not read there, and is a visit by itself.
         """
-        observed, visit = self.observed, visit_numbers(self.observed)
-        visited = visits(observed, visit)
+        observations, visit = self.observations, visit_numbers(self.observations)
+        visited = visits(observations, visit)
         typical = typical_mm2(Repeats.of(visited, steady=True))
-        if typical is None or len(visited) == len(observed):
+        if typical is None or len(visited) == len(observations):
             return visit
         least_mm2 = np.maximum(typical, self.indicator.display_mm**2 / 12.0)
         order = np.lexsort((np.arange(len(visit)), visit))
-        change_mm = np.abs(np.diff(observed.value_mm[order]))
-        jump = change_mm**2 > JUMP**2 * least_mm2[observed.mount[order][1:]]
+        change_mm = np.abs(np.diff(observations.value_mm[order]))
+        jump = change_mm**2 > JUMP**2 * least_mm2[observations.mount[order][1:]]
         begins = np.concatenate([[True], (np.diff(visit[order]) > 0) | jump])
         number = np.empty_like(visit)
         number[order] = np.cumsum(begins) - 1
@@ -269,7 +269,7 @@ class Cells:
     @classmethod
     def of(cls, case: SessionCase) -> Cells:
         """Group the visits of a session."""
-        return cls.of_visits(case, visits(case.observed, case.visit))
+        return cls.of_visits(case, visits(case.observations, case.visit))
 
     @classmethod
     def of_visits(cls, case: SessionCase, visited: Observations) -> Cells:
@@ -545,8 +545,8 @@ def _robust_weights(repeats: Repeats, scatter_mm2: FloatArray) -> FloatArray:
     readings of a cycle share is no distance. A cell of few readings, of which one lies far, is
     known less well.
     """
-    residual_mm = repeats.scatter(repeats.observed.value_mm[:, None])[:, 0]
+    residual_mm = repeats.scatter(repeats.observations.value_mm[:, None])[:, 0]
     share = np.maximum(1.0 - repeats.leverage, NEW_DIRECTION)
-    averaged = repeats.observed.averaged
+    averaged = repeats.observations.averaged
     distance = np.abs(residual_mm) / np.sqrt(averaged * scatter_mm2 * share)
     return np.asarray(USUAL / np.maximum(distance, USUAL))

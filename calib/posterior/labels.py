@@ -317,7 +317,7 @@ def with_mistakes(
     put right is so in the others, too.
     """
     explained = _explained(ways, solve)
-    explanations = [solved for _, solved in explained]
+    explanations = [result for _, result in explained]
     depart = [bool(departures_mm(cells.visited)) for cells in ways[0].sessions]
     start, best = max(explained, key=lambda entry: entry[1].log_weight)
     now, with_play = list(start.sessions), start.with_play
@@ -328,14 +328,14 @@ def with_mistakes(
                 right = now.copy()
                 right[number] = Cells.of_visits(cells.case, mistake.visited)
                 try:
-                    solved = solve(right, with_play)
+                    result = solve(right, with_play)
                 except NotIdentifiable:
                     continue
                 mistake = replace(mistake, session=number)
                 mistakes, log_prior = (*best.mistakes, mistake), best.log_prior
-                solved = replace(solved, mistakes=mistakes, log_prior=log_prior)
-                candidates.append((solved, right))
-        explanations += [solved for solved, _ in candidates]
+                result = replace(result, mistakes=mistakes, log_prior=log_prior)
+                candidates.append((result, right))
+        explanations += [result for result, _ in candidates]
         better = max(candidates, key=lambda explanation: explanation[0].log_weight, default=None)
         if better is None or better[0].log_weight < best.log_weight:
             break
@@ -348,8 +348,8 @@ def with_mistakes(
                 for cells, changed in zip(way.sessions, now, strict=True)
             ]
             mistakes = (*way.mistakes, *put_right)
-            solved = solve(right, way.with_play)
-            explanations.append(replace(solved, log_prior=way.log_prior, mistakes=mistakes))
+            result = solve(right, way.with_play)
+            explanations.append(replace(result, log_prior=way.log_prior, mistakes=mistakes))
     return sorted(explanations, key=lambda explanation: -explanation.log_weight)
 
 
@@ -363,17 +363,17 @@ def _explained(
     """
     explained: list[tuple[Way, Solved[Solution]]] = []
     for way in ways:
-        best = max((solved.log_weight for _, solved in explained), default=0.0)
+        best = max((result.log_weight for _, result in explained), default=0.0)
         alike = (
-            solved.log_weight
-            for other, solved in explained
+            result.log_weight
+            for other, result in explained
             if _of_same_visits(other, way) and _of_same_changes(other, way)
         )
         if max(alike, default=best) < best - HOPELESS:
             continue
-        solved = solve(way.sessions, way.with_play)
-        solved = replace(solved, log_prior=way.log_prior, mistakes=way.mistakes)
-        explained.append((way, solved))
+        result = solve(way.sessions, way.with_play)
+        result = replace(result, log_prior=way.log_prior, mistakes=way.mistakes)
+        explained.append((way, result))
     return explained
 
 

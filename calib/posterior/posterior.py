@@ -129,13 +129,13 @@ def _mixed(solutions: Sequence[Solved[Posterior]]) -> Posterior:
 
     The first knows the sessions; each has components of its own, since its rows differ.
     """
-    log = np.array([solved.log_weight for solved in solutions])
+    log = np.array([result.log_weight for result in solutions])
     share = np.exp(log - log.max())
     share /= share.sum()
     share = np.where(share > LIGHTEST, share, 0.0) / share[share > LIGHTEST].sum()
     components: list[Component] = []
     models: list[Weighted] = []
-    for solved, weight in zip(solutions, share.tolist(), strict=True):
+    for result, weight in zip(solutions, share.tolist(), strict=True):
         if not weight:
             continue
         first = len(components)
@@ -145,13 +145,13 @@ def _mixed(solutions: Sequence[Solved[Posterior]]) -> Posterior:
                 members=tuple(first + k for k in model.members),
                 everywhere=tuple(first + k for k in model.everywhere),
                 weight=weight * model.weight,
-                mistakes=solved.mistakes,
-                as_stated=solved.solution.sessions[-1].case.as_stated,
+                mistakes=result.mistakes,
+                as_stated=result.solution.sessions[-1].case.as_stated,
             )
-            for model in solved.solution.models
+            for model in result.solution.models
         ]
-        components += solved.solution.components
+        components += result.solution.components
     likeliest = solutions[0].solution
-    laws = (law for solved in solutions for law in solved.solution.field.placed)
+    laws = (law for result in solutions for law in result.solution.field.placed)
     field = tool_field(likeliest.geometry, tuple(dict.fromkeys(laws)))
     return Posterior(likeliest.sessions, tuple(components), tuple(models), field, likeliest.linear)

@@ -113,7 +113,7 @@ def check_common_zero(geometry: Geometry) -> None:
 
 def alignment(
     geometry: Geometry,
-    observed: Observations,
+    observations: Observations,
     tolerance_mm: FloatArray,
     indicator: IndicatorFigures,
     reference: int = 0,
@@ -125,7 +125,7 @@ def alignment(
     all six.
     """
     check_common_zero(geometry)
-    visited = with_first_movements(geometry, visits(observed))
+    visited = with_first_movements(geometry, visits(observations))
     noise = reading_noise(visited, indicator)
     if noise is None:
         raise NotIdentifiable(

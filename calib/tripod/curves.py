@@ -46,13 +46,13 @@ class LegCurve:
         return np.asarray(np.unique(self.mount, return_index=True)[1])
 
 
-def leg_curves(model: Model, observed: Observations, left_mm: FloatArray) -> list[LegCurve]:
+def leg_curves(model: Model, observations: Observations, left_mm: FloatArray) -> list[LegCurve]:
     """A curve for each leg, axis and station that ``observed`` has.
 
     ``left_mm`` ``(n_visits,)`` is what the fitted model leaves of each visit. Several mountings and
     sessions share a curve, each about a zero of its own.
     """
-    visited = observed.take(visit_starts(observed))
+    visited = observations.take(visit_starts(observations))
     points_mm = model.readings(visited) + left_mm
     plane = visited.over_plane
     if plane.any():  # their mountings have a tilt, too, which is in what is left

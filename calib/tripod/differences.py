@@ -22,9 +22,9 @@ FEWEST_PLACES = 7
 """Of contacts, for what firmware fits: three switches, a radius, two angles, and the plate."""
 
 
-def few_contacts(observed: Observations) -> bool:
+def few_contacts(observations: Observations) -> bool:
     """Whether these are contacts, at so few places that more of them show more."""
-    return bool(observed.contact.any()) and len(np.unique(observed.posture)) < FEWEST_PLACES
+    return bool(observations.contact.any()) and len(np.unique(observations.posture)) < FEWEST_PLACES
 
 
 PAIRS = ((0, 1), (1, 2), (0, 2))
@@ -87,7 +87,7 @@ class Differences:
         return np.array(rows, dtype=np.intp)
 
 
-def differences(geometry: Geometry, observed: Observations) -> Differences:
+def differences(geometry: Geometry, observations: Observations) -> Differences:
     """Average the repeats of each mounting and subtract its reference posture.
 
     The reference is Zero where the mounting has it, else its lowest displacement; that of contacts
@@ -96,24 +96,26 @@ def differences(geometry: Geometry, observed: Observations) -> Differences:
     order of papers/000 (11). Raises NotIdentifiable where no mounting has two postures.
     """
     terms: dict[Key, list[Terms]] = {}
-    for members in observed.mountings:
-        for key, mean in _differences_of_mount(observed, members):
+    for members in observations.mountings:
+        for key, mean in _differences_of_mount(observations, members):
             terms.setdefault(key, []).append(mean)
     if not terms:
         raise NotIdentifiable(
             "differences between postures",
-            f"each mounting in a single posture, readings: {len(observed)}",
+            f"each mounting in a single posture, readings: {len(observations)}",
             "at least two postures for one mounting; over a plane two stations at Zero, too",
             MORE_PLACES
-            if few_contacts(observed)
+            if few_contacts(observations)
             else "Measure Max and Min besides Zero without moving the stand.",
         )
     keys = sorted(terms, key=lambda key: _order_of_11(geometry, key))
-    combine = _matrix([terms[key] for key in keys], len(observed))
-    rows = np.arange(len(observed))
-    commanded = np.where(observed.contact, observed.position_mm[rows, observed.axis], 0.0)
+    combine = _matrix([terms[key] for key in keys], len(observations))
+    rows = np.arange(len(observations))
+    commanded = np.where(
+        observations.contact, observations.position_mm[rows, observations.axis], 0.0
+    )
     beside = combine @ commanded
-    value_mm = combine @ observed.value_mm - beside
+    value_mm = combine @ observations.value_mm - beside
     return Differences(_unlike(_names(geometry, keys)), combine, value_mm, beside)
 
 
@@ -132,25 +134,29 @@ def _matrix(rows: list[list[Terms]], reading_count: int) -> csr_array:
 
 
 def _differences_of_mount(
-    observed: Observations, members: NDArray[np.intp]
+    observations: Observations, members: NDArray[np.intp]
 ) -> Iterable[tuple[Key, Terms]]:
     """Key and terms of each difference to the mounting's reference posture."""
-    if observed.over_plane[members[0]]:
-        yield from _over_plane(observed, members)
+    if observations.over_plane[members[0]]:
+        yield from _over_plane(observations, members)
         return
-    cells = [members[rows] for rows in rows_of(observed.level[members])]
-    levels = [_level(observed, cell[0]) for cell in cells]
-    if observed.contact[members[0]]:
-        yield from _about_their_mean(observed, cells, levels)
+    cells = [members[rows] for rows in rows_of(observations.level[members])]
+    levels = [_level(observations, cell[0]) for cell in cells]
+    if observations.contact[members[0]]:
+        yield from _about_their_mean(observations, cells, levels)
         return
-    zeros = [k for k, cell in enumerate(cells) if observed.at_zero[cell[0]]]
+    zeros = [k for k, cell in enumerate(cells) if observations.at_zero[cell[0]]]
     reference = zeros[0] if zeros else 0
-    zero, zero_weight = _mean(observed, cells[reference])
+    zero, zero_weight = _mean(observations, cells[reference])
     first = members[0]
-    where = (int(observed.leg[first]), int(observed.axis[first]), float(observed.station[first]))
+    where = (
+        int(observations.leg[first]),
+        int(observations.axis[first]),
+        float(observations.station[first]),
+    )
     for level, cell in zip(levels, cells, strict=True):
         if level != levels[reference]:
-            index, weight = _mean(observed, cell)
+            index, weight = _mean(observations, cell)
             terms = np.concatenate([index, zero]), np.concatenate([weight, -zero_weight])
             yield (*where, False, level, levels[reference]), terms
 
@@ -166,28 +172,34 @@ def _unlike(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def _about_their_mean(
-    observed: Observations, cells: Sequence[NDArray[np.intp]], levels: Sequence[Level]
+    observations: Observations, cells: Sequence[NDArray[np.intp]], levels: Sequence[Level]
 ) -> Iterable[tuple[Key, Terms]]:
     """Each place of contacts less the mean of all: no place is the one that all others err by."""
     if len(cells) < 2:
         return
-    means = [_mean(observed, cell) for cell in cells]
+    means = [_mean(observations, cell) for cell in cells]
     all_rows = np.concatenate([rows for rows, _ in means])
     all_weights = np.concatenate([weight for _, weight in means]) / len(cells)
     first = int(cells[0][0])
-    where = (int(observed.leg[first]), int(observed.axis[first]), float(observed.station[first]))
+    where = (
+        int(observations.leg[first]),
+        int(observations.axis[first]),
+        float(observations.station[first]),
+    )
     for level, (rows, weight) in zip(levels, means, strict=True):
         terms = np.concatenate([rows, all_rows]), np.concatenate([weight, -all_weights])
         yield (*where, False, level, CONTACT), terms
 
 
-def _over_plane(observed: Observations, members: NDArray[np.intp]) -> Iterable[tuple[Key, Terms]]:
+def _over_plane(
+    observations: Observations, members: NDArray[np.intp]
+) -> Iterable[tuple[Key, Terms]]:
     """Heights less those of the line through both ends of the leg at the reference."""
-    place = numbered(observed.station[members], observed.displacement_mm[members])
+    place = numbered(observations.station[members], observations.displacement_mm[members])
     cells = [members[rows] for rows in rows_of(place)]
     level, station, along = (
         np.array([float(values[cell[0]]) for cell in cells])
-        for values in (observed.displacement_mm, observed.station, observed.along_mm)
+        for values in (observations.displacement_mm, observations.station, observations.along_mm)
     )
     reference = 0.0 if 0.0 in level else float(level.min())
     at_reference = np.flatnonzero(level == reference)
@@ -195,7 +207,7 @@ def _over_plane(observed: Observations, members: NDArray[np.intp]) -> Iterable[t
     if near == far:
         return
     first = members[0]
-    where = (int(observed.leg[first]), int(observed.axis[first]))
+    where = (int(observations.leg[first]), int(observations.axis[first]))
     for k in range(len(cells)):
         if k not in (near, far):
             share = (along[k] - along[near]) / (along[far] - along[near])
@@ -203,22 +215,22 @@ def _over_plane(observed: Observations, members: NDArray[np.intp]) -> Iterable[t
             terms = [
                 (rows, w * mean_rows)
                 for j, w in weights
-                for rows, mean_rows in [_mean(observed, cells[j])]
+                for rows, mean_rows in [_mean(observations, cells[j])]
             ]
             index, weight = zip(*terms, strict=True)
             key = (*where, float(station[k]), True, (float(level[k]),), (reference,))
             yield key, (np.concatenate(index), np.concatenate(weight))
 
 
-def _level(observed: Observations, row: int) -> Level:
-    if observed.leg[row] == TOOL:
-        return tuple(observed.position_mm[row].tolist())
-    return (float(observed.displacement_mm[row]),)
+def _level(observations: Observations, row: int) -> Level:
+    if observations.leg[row] == TOOL:
+        return tuple(observations.position_mm[row].tolist())
+    return (float(observations.displacement_mm[row]),)
 
 
-def _mean(observed: Observations, cell: NDArray[np.intp]) -> Terms:
+def _mean(observations: Observations, cell: NDArray[np.intp]) -> Terms:
     """Rows and weights that average one posture of one mounting."""
-    return cell, observed.averaged[cell] / observed.averaged[cell].sum()
+    return cell, observations.averaged[cell] / observations.averaged[cell].sum()
 
 
 def _order_of_11(geometry: Geometry, key: Key) -> tuple[float, ...]:

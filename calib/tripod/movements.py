@@ -54,39 +54,41 @@ def last_movement(geometry: Geometry, conditions: Conditions) -> FloatArray:
     return np.where(stated[:, None], conditions.movement, movement)
 
 
-def departures_mm(observed: Observations, least: float = DEPARTS) -> dict[int, float]:
+def departures_mm(observations: Observations, least: float = DEPARTS) -> dict[int, float]:
     """First readings of mountings that depart from their repeats of every known side.
 
     By the row, mm from the nearest side. Nobody saw how they were reached. ``least`` is in standard
     deviations of the difference.
     """
-    repeats = Repeats.of(observed)
+    repeats = Repeats.of(observations)
     scatter = repeats.standard_deviation_mm
-    with_approach, departures = observed.approach_known, {}
+    with_approach, departures = observations.approach_known, {}
     if scatter is None:
         return {}
     for row in np.flatnonzero(~with_approach).tolist():
-        alike = np.flatnonzero(with_approach & (observed.posture == observed.posture[row]))
+        alike = np.flatnonzero(with_approach & (observations.posture == observations.posture[row]))
         if not len(alike):
             continue
         sides = [alike[rows] for rows in rows_of(numbered(repeats.cell[alike]))]
-        off_mm = [float(observed.value_mm[row] - observed.value_mm[side].mean()) for side in sides]
+        off_mm = [
+            float(observations.value_mm[row] - observations.value_mm[side].mean()) for side in sides
+        ]
         least_mm = [least * scatter * math.sqrt(1.0 + 1.0 / len(side)) for side in sides]
         if all(abs(off) > far for off, far in zip(off_mm, least_mm, strict=True)):
             departures[row] = min(off_mm, key=abs)
     return departures
 
 
-def with_first_movements(geometry: Geometry, observed: Observations) -> Observations:
+def with_first_movements(geometry: Geometry, observations: Observations) -> Observations:
     """The same visits; where nobody saw how a posture was reached, its repeats tell.
 
     The first reading of a mounting that departs from those that were reached from a known side was
     reached from the other one. One that agrees stays as it is: so far as it shows, nothing has
     play.
     """
-    movement, last = observed.movement.copy(), last_movement(geometry, observed)
-    for row in departures_mm(observed):
-        alike = observed.approach_known & (observed.posture == observed.posture[row])
+    movement, last = observations.movement.copy(), last_movement(geometry, observations)
+    for row in departures_mm(observations):
+        alike = observations.approach_known & (observations.posture == observations.posture[row])
         ways = last[alike]  # a carriage that came from both sides tells nothing
         movement[row] = np.where((ways == ways[0]).all(axis=0), -ways[0], 0.0)
-    return replace(observed, movement=movement)
+    return replace(observations, movement=movement)

@@ -194,7 +194,7 @@ def excursion_mm(
 
 def sensitivity_of_readings(
     geometry: Geometry,
-    observed: Observations,
+    observations: Observations,
     weight: FloatArray,
     design: FloatArray,
     free: tuple[int, ...],
@@ -205,7 +205,7 @@ def sensitivity_of_readings(
 
     ``weight`` ``(n_readings,)`` in 1/mm² holds the noise, or none where it is not known.
     """
-    jacobian = np.sqrt(weight)[:, None] * without_zeros(observed, weight, design)
+    jacobian = np.sqrt(weight)[:, None] * without_zeros(observations, weight, design)
     tool = workspace_jacobian(geometry)[:, :, list(free)]
     return Sensitivity(
         names=tuple(PARAMETER_NAMES[k] for k in free),

@@ -46,10 +46,10 @@ def test_it_is_typed() -> None:
 def test_solving_a_path_or_a_session_is_what_the_command_says() -> None:
     document = json.loads(command("solve", SESSION, "--json").out)
     for source in (str(SESSION), glidecal.load(SESSION)):
-        solved = glidecal.solve(source)
-        report = json.loads(to_json(SolutionReport.of(SolutionResults(solved))))
+        result = glidecal.solve(source)
+        report = json.loads(to_json(SolutionReport.of(SolutionResults(result))))
         assert report["parameters"] == document["parameters"]
-    frame = solved.to_frame()
+    frame = result.to_frame()
     values = {name: parameter["value"] for name, parameter in document["parameters"].items()}
     assert dict(zip(frame["parameter"], frame["value"], strict=True)) == values
 
@@ -64,15 +64,15 @@ def test_a_set_is_a_view_beside_the_same_correction() -> None:
 
 
 def test_tables_of_a_solution_are_its_numbers() -> None:
-    solved = glidecal.solve(SESSION)
+    result = glidecal.solve(SESSION)
     document = json.loads(command("solve", SESSION, "--json").out)["differences"]
-    differences = solved.to_frame("differences").set_index("difference")
+    differences = result.to_frame("differences").set_index("difference")
     assert {name: row["value_mm"] for name, row in differences.iterrows()} == {
         name: entry["value"] for name, entry in document.items()
     }
-    residuals = solved.to_frame("residuals")
-    assert residuals["residual_mm"].tolist() == solved.solution.residual_mm.tolist()
-    assert residuals["value_mm"].tolist() == [visit.value_mm for _, visit in solved.visits]
+    residuals = result.to_frame("residuals")
+    assert residuals["residual_mm"].tolist() == result.solution.residual_mm.tolist()
+    assert residuals["value_mm"].tolist() == [visit.value_mm for _, visit in result.visits]
 
 
 @LONG

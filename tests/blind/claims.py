@@ -189,15 +189,15 @@ def scored(case: Case, seed: int, folder: Path, spread_mm: float = LENGTH_SPREAD
     table.write_text(simulated.table, encoding="utf-8")
     with contextlib.redirect_stderr(io.StringIO()):
         import_files([table], session, machine=None, resolution=simulated.resolution_mm)
-    solved = solve_files([session])
-    entered_mm = np.array(solved.joint_offsets_mm)
-    stated_mm, uncertainty_mm = parameters_mm(solved.corrections.posterior)
+    result = solve_files([session])
+    entered_mm = np.array(result.joint_offsets_mm)
+    stated_mm, uncertainty_mm = parameters_mm(result.corrections.posterior)
     amounts = simulated.hidden.amounts
     true_mm = np.concatenate([amounts["offset"], amounts["length"]])
     return Scored(
         case,
         spread_mm,
-        solved.correction.off.bound_mm["machine"],
+        result.correction.off.bound_mm["machine"],
         rms_mm(tool_errors_mm(simulated.hidden, entered_mm, np.zeros(3))),
         (stated_mm - true_mm) / uncertainty_mm,
     )

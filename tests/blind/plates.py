@@ -134,9 +134,9 @@ class Knowing:
         logs, means = [], []
         for prior in self.priors:
             inner = self.rows @ prior @ self.rows.T + noise
-            solved = np.linalg.solve(inner, height_mm)
-            logs.append(-0.5 * (height_mm @ solved + np.linalg.slogdet(inner)[1]))
-            means.append(prior @ self.rows.T @ solved)
+            result = np.linalg.solve(inner, height_mm)
+            logs.append(-0.5 * (height_mm @ result + np.linalg.slogdet(inner)[1]))
+            means.append(prior @ self.rows.T @ result)
         weight = np.exp(np.array(logs) - max(logs))
         entered = follower(self.moved) @ (weight @ np.array(means)) / weight.sum()
         return np.asarray((self.moved @ (values_of(parts) - entered)).reshape(-1, 3))

@@ -36,13 +36,13 @@ def answers(table: str, resolution_mm: float | None) -> list[Answer]:
         written, session = Path(name, "table.csv"), Path(name, "session.jsonl")
         written.write_text(table, encoding="utf-8")
         import_files([written], session, machine=None, resolution=resolution_mm)
-        solved = solve_files([session])
-        posterior = solved.corrections.posterior
+        result = solve_files([session])
+        posterior = result.corrections.posterior
     likely = [*posterior.mistakes.items(), *posterior.places.items()][:MOST_TOLD]
     remark = ", ".join(f"{id}:{where} {share:.2f}" for (id, where), share in likely)
     answered = []
     for holds in HOLDS:
-        entry = solved.corrections.of(holds)
+        entry = result.corrections.of(holds)
         bounds = {frame.replace("-", "_"): mm for frame, mm in entry.off.bound_mm.items()}
         name = OFFSETS if holds == "offsets" else holds
         answered.append(Answer(name, inverse_of(entry.model), bounds, remark))

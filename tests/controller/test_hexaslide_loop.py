@@ -66,13 +66,13 @@ def test_the_compiled_module_brings_the_true_platform_to_its_places(
     need_linuxcnc()
     measured, hidden = tmp_path / "m.json", tmp_path / "t.json"
     write_simulated(Request(procedure, postures=48, seed=6), measured, hidden, noise_mm=0.01)
-    solved = calibrate_file(measured, None, 0.0)
+    result = calibrate_file(measured, None, 0.0)
     true = of_file(read_truth(hidden, read_measurements(measured)).chain)
     nominal = load_hexaslide()
     box = nominal.whole().box
     postures = np.random.default_rng(9).uniform(box.lower, box.upper, (PLACES, 6))
     postures = np.hstack([postures[:, :3], np.degrees(postures[:, 3:])]).round(4)
-    files = calibrated_files(solved, None)
+    files = calibrated_files(result, None)
     (tmp_path / "machine.toml").write_text(str(files["machine.toml"]), encoding="utf-8")
     calibrated = of_file(load_hexaslide(tmp_path / "machine.toml").chain)
     before = reached(

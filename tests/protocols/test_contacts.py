@@ -32,27 +32,33 @@ def test_a_place_is_an_observation_with_nothing_read(tmp_path: Path) -> None:
     assert record.of_contacts
     assert [reading.value_mm for reading in record.readings] == [0.0, 0.0]
     assert [reading.text for reading in record.readings] == ["0.25", "-0.10"]
-    observed = to_observations([record])
-    assert observed.contact.all()
-    assert observed.position_mm.tolist() == [[0.0, 0.0, 0.25], [0.0, 60.0, -0.10]]
-    assert observed.value_mm.tolist() == [0.0, 0.0]
-    assert (observed.movement == -1.0).all()  # down, whatever stood before
+    observations = to_observations([record])
+    assert observations.contact.all()
+    assert observations.position_mm.tolist() == [[0.0, 0.0, 0.25], [0.0, 60.0, -0.10]]
+    assert observations.value_mm.tolist() == [0.0, 0.0]
+    assert (observations.movement == -1.0).all()  # down, whatever stood before
 
 
 def test_repeats_are_at_the_mean_of_their_places(tmp_path: Path) -> None:
     """Sent 4 µm higher than the mean and on the plate, the tool at the mean is 4 µm below it."""
     rows = ("0,0,0.100,0,1", "0,60,0.3,0,1", "0.002,-0.004,0.108,0,2", "0,60,25.3,25,1")
-    observed = to_observations([session(tmp_path, *rows)])
-    assert observed.posture.tolist() == [1, 2, 1, 0] or len(np.unique(observed.posture)) == 3
-    assert observed.posture[0] == observed.posture[2]
-    assert observed.posture[1] != observed.posture[3]  # the tool is 25 mm above the plate there
-    assert observed.position_mm[0] == pytest.approx([0.001, -0.002, 0.104])
-    assert observed.value_mm == pytest.approx([0.004, 0.0, -0.004, 25.0])
+    observations = to_observations([session(tmp_path, *rows)])
+    assert (
+        observations.posture.tolist() == [1, 2, 1, 0] or len(np.unique(observations.posture)) == 3
+    )
+    assert observations.posture[0] == observations.posture[2]
+    assert (
+        observations.posture[1] != observations.posture[3]
+    )  # the tool is 25 mm above the plate there
+    assert observations.position_mm[0] == pytest.approx([0.001, -0.002, 0.104])
+    assert observations.value_mm == pytest.approx([0.004, 0.0, -0.004, 25.0])
 
 
 def test_places_beside_each_other_are_no_repeats(tmp_path: Path) -> None:
-    observed = to_observations([session(tmp_path, "0,0,0.1,0,1", "0.06,0,0.1,0,1", "9,0,0,0,1")])
-    assert len(np.unique(observed.posture)) == 3
+    observations = to_observations(
+        [session(tmp_path, "0,0,0.1,0,1", "0.06,0,0.1,0,1", "9,0,0,0,1")]
+    )
+    assert len(np.unique(observations.posture)) == 3
 
 
 def test_the_step_is_that_of_the_places(tmp_path: Path) -> None:
@@ -77,8 +83,8 @@ def test_correcting_nothing_leaves_contacts_as_they_are(tmp_path: Path) -> None:
     from calib.diagnosis.results import CleanedReadings
 
     record = session(tmp_path, "0,0,0.100,0,1", "0,60,0.3,0,1", "0,0,0.108,0,2")
-    observed, rows = to_observations([record]), np.arange(3)
-    cleaned = CleanedReadings(observed, rows, np.zeros(3, dtype=np.intp))
+    observations, rows = to_observations([record]), np.arange(3)
+    cleaned = CleanedReadings(observations, rows, np.zeros(3, dtype=np.intp))
     assert list(corrected_readings(record, cleaned)) == []
 
 

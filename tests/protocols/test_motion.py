@@ -188,18 +188,18 @@ def test_the_position_read_back_enters_in_place_of_the_command(tmp_path: Path) -
     table.write_text(str(recorded.table().written("csv")), encoding="utf-8")
     opened, events, _ = opened_table(table, TOOL, "test")
     for sample in (recorded, fold([opened, *events])):
-        observed = to_observations([sample])
-        assert observed.displacement_mm.tolist() == [
+        observations = to_observations([sample])
+        assert observations.displacement_mm.tolist() == [
             0.0,
             60.0,
         ]  # still one posture with its repeats
-        assert observed.value_mm == pytest.approx([0.0, 0.0], abs=1e-6)
-        assert observed.approach.tolist() == [1.0, 1.0]  # the first, too
+        assert observations.value_mm == pytest.approx([0.0, 0.0], abs=1e-6)
+        assert observations.approach.tolist() == [1.0, 1.0]  # the first, too
 
 
 def test_a_machine_that_stands_where_it_was_sent_is_read_as_it_is(tmp_path: Path) -> None:
-    observed = to_observations([fold(read_record(session(tmp_path / "a.jsonl", 0.0)).events)])
-    assert observed.value_mm.tolist() == [0.0, 0.0]
+    observations = to_observations([fold(read_record(session(tmp_path / "a.jsonl", 0.0)).events)])
+    assert observations.value_mm.tolist() == [0.0, 0.0]
 
 
 def test_a_step_takes_its_way_and_its_rest_where_the_machine_moves_itself() -> None:

@@ -39,36 +39,36 @@ def session(
 
 
 def test_approach_follows_from_the_rows_of_the_same_mount() -> None:
-    observed = to_observations(
+    observations = to_observations(
         [
             session(
                 [("xy", 0.0), ("xz", 0.0), ("xy", 60.0), ("xy", 60.0), ("xy", -100.0), ("xz", 60.0)]
             )
         ]
     )
-    assert observed.approach.tolist() == [0.0, 0.0, 1.0, 1.0, -1.0, 1.0]
-    assert observed.mount.tolist() == [0, 1, 0, 0, 0, 1]
+    assert observations.approach.tolist() == [0.0, 0.0, 1.0, 1.0, -1.0, 1.0]
+    assert observations.mount.tolist() == [0, 1, 0, 0, 0, 1]
 
 
 def test_superseded_readings_do_not_count() -> None:
-    observed = to_observations(
+    observations = to_observations(
         [session([("xy", 0.0), ("xy", 60.0), ("xy", 60.0)], superseded=(2,))]
     )
-    assert observed.value_mm.tolist() == [1.0, 3.0]
+    assert observations.value_mm.tolist() == [1.0, 3.0]
 
 
 def test_approach_remembers_superseded_readings() -> None:
     """0, -71, -100 undone, -71 again: that last one was approached upwards."""
     rows = [("xy", 0.0), ("xy", -71.0), ("xy", -100.0), ("xy", -71.0)]
-    observed = to_observations([session(rows, superseded=(2, 3))])
-    assert observed.approach.tolist() == [0.0, 1.0]
+    observations = to_observations([session(rows, superseded=(2, 3))])
+    assert observations.approach.tolist() == [0.0, 1.0]
 
 
 def test_two_sessions_have_mountings_of_their_own() -> None:
     single = session([("xy", 0.0), ("xy", 60.0)])
-    observed = to_observations([single, single])
-    assert observed.mount.tolist() == [0, 0, 1, 1]
-    assert np.isnan(observed.temperature_c).all()
+    observations = to_observations([single, single])
+    assert observations.mount.tolist() == [0, 0, 1, 1]
+    assert np.isnan(observations.temperature_c).all()
 
 
 def test_sessions_of_different_machines_are_not_mixed() -> None:
@@ -85,8 +85,8 @@ def test_a_key_that_no_reading_depends_on_may_change_between_sessions() -> None:
     """The owner states a tolerance or another indicator after the first session."""
     first = session([("xy", 0.0), ("xy", 60.0)])
     later = Machine(tool_tolerance_mm=0.05, fastest_feed_mm_min=3000.0)
-    observed = to_observations([first, session([("xy", 0.0), ("xy", 60.0)], machine=later)])
-    assert len(observed) == 4
+    observations = to_observations([first, session([("xy", 0.0), ("xy", 60.0)], machine=later)])
+    assert len(observations) == 4
     aligned = session([("xy", 0.0)], machine=Machine(frame="aligned"))
     with pytest.raises(UsageError, match=r"sessions of different machines.* other frame"):
         to_observations([first, aligned])
@@ -140,10 +140,10 @@ def test_a_corrected_reading_says_what_it_was_and_of_another_posture_has_no_step
     record = session([("xy", 0.0), ("xy", 60.0), ("xy", -100.0)])
     steps = tuple(r.model_copy(update={"step": k}) for k, r in enumerate(record.readings, start=1))
     record = fold([record.opened, *steps])
-    observed = to_observations([record])
+    observations = to_observations([record])
     changed = replace(
-        observed,
-        value_mm=observed.value_mm + np.array([0.0, 0.25, 0.0]),
+        observations,
+        value_mm=observations.value_mm + np.array([0.0, 0.25, 0.0]),
         displacement_mm=np.array([0.0, 60.0, 60.0]),
     )
     rows = np.arange(3)
@@ -155,6 +155,6 @@ def test_a_corrected_reading_says_what_it_was_and_of_another_posture_has_no_step
     assert value.extra[AS_READ] == f"value_mm {was_mm}"
     assert (posture.reading, posture.step, posture.displacement_mm) == (3, None, 60.0)
     assert posture.extra[AS_READ] == "displacement_mm -100.0"
-    moved = CleanedReadings(observed, rows, np.array([0, 0, 1], dtype=np.intp))
+    moved = CleanedReadings(observations, rows, np.array([0, 0, 1], dtype=np.intp))
     (after,) = corrected_readings(record, moved)
     assert (after.reading, after.step, after.mount) == (3, 3, "xy, moved 1")

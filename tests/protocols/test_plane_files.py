@@ -115,11 +115,11 @@ def test_a_touched_point_off_the_bar_is_told(tmp_path: Path) -> None:
 def test_simulated_solved_and_what_is_refused(tmp_path: Path) -> None:
     session, q = tmp_path / "p.jsonl", tmp_path / "q.jsonl"
     assert glidecal("simulate", "--protocol", "plane", "-o", session).status == 0
-    solved = glidecal("solve", session)
-    assert solved.status == 0
-    words = " ".join(solved.out.split())
+    result = glidecal("solve", session)
+    assert result.status == 0
+    words = " ".join(result.out.split())
     assert "d_rho_x + d_L_x; d_rho_y + d_L_y" in words
-    assert "z_x+@p0.1" in solved.out
+    assert "z_x+@p0.1" in result.out
     linear = glidecal("solve", session, "--method", "linear", "--subset", "joint-offsets")
     assert linear.status == 0
     assert glidecal("validate", session).status == 0

@@ -203,7 +203,7 @@ async def test_a_mistake_is_put_right_in_a_new_session_and_its_result_shown(tmp_
         result_screen = interface.screen
         assert isinstance(result_screen, ResultScreen)
         expected = solve_files([right]).joint_offsets_mm
-        assert result_screen.solved.joint_offsets_mm == pytest.approx(expected, abs=1e-9)
+        assert result_screen.result.joint_offsets_mm == pytest.approx(expected, abs=1e-9)
         why = "Corrected from wrong.jsonl"
         await until(
             pilot, "text", lambda: why in " ".join(text(interface, "#details-text").split())

@@ -71,8 +71,8 @@ async def test_a_result_that_cannot_be_computed_yet(
 async def test_trying_again_may_succeed(
     tmp_path: Path, samples: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved = solve_files([samples / "experiment_2_twelve.jsonl"])
-    answers: list[SessionSolution | None] = [None, solved]
+    result = solve_files([samples / "experiment_2_twelve.jsonl"])
+    answers: list[SessionSolution | None] = [None, result]
 
     def at_last(paths: list[Path]) -> SessionSolution:
         if answer := answers.pop(0):
@@ -95,14 +95,14 @@ async def test_trying_again_may_succeed(
 async def test_space_twice_computes_the_result_once(
     tmp_path: Path, samples: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved = solve_files([samples / "experiment_2_twelve.jsonl"])
+    result = solve_files([samples / "experiment_2_twelve.jsonl"])
     tries: list[Path] = []
     allowed = threading.Event()
 
     def slowly(paths: list[Path]) -> SessionSolution:
         tries.extend(paths)
         allowed.wait(20.0)
-        return solved
+        return result
 
     monkeypatch.setattr("app.screens.corrections.solve_files", slowly)
     monkeypatch.setattr("app.measuring.attended.HELD_KEY_S", 0.0)

@@ -101,11 +101,11 @@ def test_bars_stand_against_the_tolerance_where_one_is_stated(
     session: Path, tolerance_mm: float | None
 ) -> None:
     result = posture_result(session)
-    source = result.solved.source
+    source = result.calibration.source
     machine = source.machine.model_copy(update={"platform_tolerance_mm": tolerance_mm})
     source = source.model_copy(update={"machine": machine})
-    solved = replace(result.solved, source=source)
-    page = glance_text(replace(result, solved=solved), 76, read_only=False)
+    solved = replace(result.calibration, source=source)
+    page = glance_text(replace(result, calibration=solved), 76, read_only=False)
     lines, words = page.splitlines(), " ".join(page.split())
     now, after = (line for line in lines if line.startswith(("now ", "after ")))
     assert len(now) <= 76
@@ -117,7 +117,7 @@ def test_bars_stand_against_the_tolerance_where_one_is_stated(
 
 
 def test_a_machine_that_is_not_better_is_not_entered(session: Path) -> None:
-    document = HexaSlideCalibrationReport.of(posture_result(session).solved)
+    document = HexaSlideCalibrationReport.of(posture_result(session).calibration)
     now_mm = document.platform.now_rms_mm
     platform = document.platform.model_copy(update={"bound_rms_mm": now_mm})
     worse = document.model_copy(update={"platform": platform})

@@ -105,11 +105,11 @@ def drawn(interface: Glidecal, selector: str) -> list[str]:
 async def test_the_last_line_has_room_for_help(
     published: tuple[SessionSolution, Path], kind: str
 ) -> None:
-    solved, path = published
+    result, path = published
     screens: dict[str, Callable[[], Screen[None]]] = {
-        "measured": lambda: ResultScreen(solved, quick_plan(path.parent), path),
+        "measured": lambda: ResultScreen(result, quick_plan(path.parent), path),
         "replay": lambda: ReplayScreen(path),
-        "replayed": lambda: ResultScreen(solved, None, path),
+        "replayed": lambda: ResultScreen(result, None, path),
     }
     interface = Glidecal(screens[kind]())
     async with interface.run_test(size=SIZE) as pilot:
@@ -122,11 +122,11 @@ async def test_the_last_line_has_room_for_help(
 
 @LONG
 async def test_keys_turn_the_pages(published: tuple[SessionSolution, Path]) -> None:
-    solved, path = published
-    interface = Glidecal(ResultScreen(solved, None, path))
+    result, path = published
+    interface = Glidecal(ResultScreen(result, None, path))
     async with interface.run_test(size=SIZE) as pilot:
         await until(
-            pilot, "text", lambda: text(interface, "#details-text").endswith(solution_text(solved))
+            pilot, "text", lambda: text(interface, "#details-text").endswith(solution_text(result))
         )
         pages = []
         for key in ("right", "right", "right", "right", "left", "tab", "shift+tab"):
@@ -146,8 +146,8 @@ async def test_keys_turn_the_pages(published: tuple[SessionSolution, Path]) -> N
 async def test_names_points_and_zero_line_at_80_columns(
     published: tuple[SessionSolution, Path],
 ) -> None:
-    solved, path = published
-    interface = Glidecal(ResultScreen(solved, None, path))
+    result, path = published
+    interface = Glidecal(ResultScreen(result, None, path))
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("left", "left")
         await until(pilot, "a plot", lambda: len(drawn(interface, "#plot-chart0")) > 15)
@@ -165,8 +165,8 @@ async def test_names_points_and_zero_line_at_80_columns(
 
 
 async def test_text_and_plot_side_by_side(published: tuple[SessionSolution, Path]) -> None:
-    solved, path = published
-    interface = Glidecal(ResultScreen(solved, None, path))
+    result, path = published
+    interface = Glidecal(ResultScreen(result, None, path))
     async with interface.run_test(size=WIDE) as pilot:
         beside = interface.screen.query_one("#result .beside")
         await until(pilot, "two panels", lambda: beside.region.width > 30)
@@ -183,8 +183,8 @@ async def test_text_and_plot_side_by_side(published: tuple[SessionSolution, Path
 async def test_nothing_is_drawn_twice(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved, path = published
-    interface = Glidecal(ResultScreen(solved, None, path), read_only=True)
+    result, path = published
+    interface = Glidecal(ResultScreen(result, None, path), read_only=True)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("left", "left")
         await until(pilot, "a plot", lambda: len(drawn(interface, "#plot-chart0")) > 15)
@@ -211,10 +211,10 @@ async def test_nothing_is_drawn_twice(
 @LONG
 async def test_sets_of_parameters(published: tuple[SessionSolution, Path]) -> None:
     """Views change; what to enter stays."""
-    solved, path = published
-    entered = shown_first(solution_text(solved))
+    result, path = published
+    entered = shown_first(solution_text(result))
     assert len(entered) == 3
-    interface = Glidecal(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(result, None, path))
     async with interface.run_test(size=SIZE) as pilot:
         for key, words in (
             ("2", "leg lengths"),
@@ -228,7 +228,7 @@ async def test_sets_of_parameters(published: tuple[SessionSolution, Path]) -> No
             assert shown_first(text(interface, "#details-text")) == entered
         await pilot.press("s", "1")
         await pilot.pause()
-        assert text(interface, "#details-text").endswith(solution_text(solved))
+        assert text(interface, "#details-text").endswith(solution_text(result))
 
 
 @LONG
@@ -237,7 +237,7 @@ async def test_what_takes_long_is_worked_out_apart(
 ) -> None:
     """Keys are answered meanwhile; the view that was chosen is shown when it is done."""
     _, path = published
-    come, solved = threading.Event(), solve_files([path])
+    come, result = threading.Event(), solve_files([path])
     work_out = SessionSolution.work_out
 
     def late(self: SessionSolution) -> SessionSolution:
@@ -245,14 +245,14 @@ async def test_what_takes_long_is_worked_out_apart(
         return work_out(self)
 
     monkeypatch.setattr(SessionSolution, "work_out", late)
-    interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
+    interface = Glidecal(ResultScreen(result, quick_plan(path.parent), path))
     messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("s", "2", "v")
         await pilot.pause()
         assert text(interface, "#result-text") == WORKING_OUT
         assert messages == [WORKING_OUT]
-        assert not solved.is_worked_out
+        assert not result.is_worked_out
         come.set()
         await until(pilot, "text", lambda: "View: leg lengths" in text(interface, "#details-text"))
 
@@ -262,7 +262,7 @@ async def test_keys_are_offered_with_the_page_that_names_them(
 ) -> None:
     """Whatever shows the page first, here a window of another size."""
     _, path = published
-    come, done, solved = threading.Event(), threading.Event(), solve_files([path])
+    come, done, result = threading.Event(), threading.Event(), solve_files([path])
     work_out = SessionSolution.work_out
 
     def slow(self: SessionSolution) -> SessionSolution:
@@ -272,12 +272,12 @@ async def test_keys_are_offered_with_the_page_that_names_them(
         return self
 
     monkeypatch.setattr(SessionSolution, "work_out", slow)
-    interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
+    interface = Glidecal(ResultScreen(result, quick_plan(path.parent), path))
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "keys", lambda: "Report" in rows(interface.screen)[-1])
         assert "Verify" not in rows(interface.screen)[-1]
         come.set()
-        await until(pilot, "worked out", lambda: solved.is_worked_out)
+        await until(pilot, "worked out", lambda: result.is_worked_out)
         await pilot.resize_terminal(*WIDE)
         await until(pilot, "page", lambda: "Tool error" in text(interface, "#result-text"))
         await pilot.pause(0.2)
@@ -290,35 +290,35 @@ def test_pages_work_nothing_out(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Bounds in every frame took 0.2 to 0.4 s while nothing else was shown."""
-    solved, _ = published
+    result, _ = published
 
     def asked_late(_: ToolErrors, values: FloatArray) -> float:
         raise AssertionError(f"a bound is worked out for a page: {values}")
 
     monkeypatch.setattr(ToolErrors, "bound_mm", asked_late)
     assert "for a touched-off workpiece" in glance_text(
-        solved, None, (), 76, exports=True, measures=True
+        result, None, (), 76, exports=True, measures=True
     )
-    assert "the machine's own frame" in solution_text(solved)
+    assert "the machine's own frame" in solution_text(result)
 
 
 async def test_a_set_that_is_not_seen_is_refused(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved, path = published
+    result, path = published
     unseen = NotIdentifiable("set [both]", "two differences", "six")
     refused: dict[Subset, NotIdentifiable | Solution] = {"both": unseen, "joint-offsets": unseen}
-    solved = solved.with_subset("with-tolerances")
-    identified = solved.choice.identified | refused
-    solved = replace(solved, choice=replace(solved.choice, identified=identified))
-    interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
+    result = result.with_subset("with-tolerances")
+    identified = result.choice.identified | refused
+    result = replace(result, choice=replace(result.choice, identified=identified))
+    interface = Glidecal(ResultScreen(result, quick_plan(path.parent), path))
     messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         for key in ("3", "1"):
             await pilot.press("s", key)
         await until(pilot, "two refusals", lambda: len(messages) == 2)
         assert all("set [both]" in message for message in messages)
-        assert text(interface, "#details-text").endswith(solution_text(solved))
+        assert text(interface, "#details-text").endswith(solution_text(result))
         assert isinstance(interface.screen, ResultScreen)
     assert sorted(p.name for p in path.parent.iterdir()) == ["published.jsonl"]
 
@@ -326,8 +326,8 @@ async def test_a_set_that_is_not_seen_is_refused(
 async def test_export_names_what_it_wrote(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved, path = published
-    interface = Glidecal(ResultScreen(solved, None, path))
+    result, path = published
+    interface = Glidecal(ResultScreen(result, None, path))
     messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("e")
@@ -370,11 +370,11 @@ async def test_what_was_written_lies_over_nothing(
 async def test_export_asks_before_it_replaces(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved, path = published
+    result, path = published
     mine = path.with_suffix("") / "offsets.csv"
     mine.parent.mkdir()
     mine.write_text("mine", encoding="utf-8")
-    interface = Glidecal(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(result, None, path))
     messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         for answer in ("1", "2"):
@@ -392,9 +392,9 @@ async def test_export_asks_before_it_replaces(
 async def test_report_asks_before_it_replaces(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved, path = published
+    result, path = published
     mine = path.with_suffix(".html")
-    interface = Glidecal(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(result, None, path))
     messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         mine.write_text("mine", encoding="utf-8")
@@ -414,9 +414,9 @@ async def test_report_asks_before_it_replaces(
 async def test_export_that_the_disk_refuses(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved, path = published
+    result, path = published
     path.with_suffix("").write_text("a file where the folder must be")
-    interface = Glidecal(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(result, None, path))
     messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("e")
@@ -427,8 +427,8 @@ async def test_export_that_the_disk_refuses(
 async def test_a_program_that_only_shows(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved, path = published
-    interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path), read_only=True)
+    result, path = published
+    interface = Glidecal(ResultScreen(result, quick_plan(path.parent), path), read_only=True)
     messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
@@ -445,8 +445,8 @@ async def test_a_program_that_only_shows(
 async def test_verify_needs_the_plan_of_the_session(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved, path = published
-    interface = Glidecal(ResultScreen(solved, None, path))
+    result, path = published
+    interface = Glidecal(ResultScreen(result, None, path))
     messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
@@ -468,21 +468,21 @@ async def test_any_finished_session_can_be_verified_later(samples: Path, tmp_pat
     assert again is not None
     assert (again.procedure, again.instruments) == (plan.procedure, plan.instruments)
     assert plan_to_repeat(samples / "experiment_2_twelve.jsonl") is None
-    solved = solve_files([guided.path]).work_out()
-    interface = Glidecal(ResultScreen(solved, again, guided.path))
+    result = solve_files([guided.path]).work_out()
+    interface = Glidecal(ResultScreen(result, again, guided.path))
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "verify offered", lambda: "v" in offered(interface))
         await pilot.press("v")
         await until(pilot, "the check", lambda: isinstance(interface.screen, CheckScreen))
-    planned = verification_plan(again, solved)
+    planned = verification_plan(again, result)
     assert planned.verifies == guided.path.name
-    assert planned.machine.entered_offsets_mm == pytest.approx(solved.joint_offsets_mm)
+    assert planned.machine.entered_offsets_mm == pytest.approx(result.joint_offsets_mm)
 
 
 async def test_another_key_of_the_settings(published: tuple[SessionSolution, Path]) -> None:
-    solved, path = published
+    result, path = published
     settings = Settings(keys={"result.export": "x"})
-    interface = Glidecal(ResultScreen(solved, None, path), settings=settings)
+    interface = Glidecal(ResultScreen(result, None, path), settings=settings)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         assert "x" in offered(interface)
@@ -493,13 +493,13 @@ async def test_another_key_of_the_settings(published: tuple[SessionSolution, Pat
 async def test_copy_says_how_much(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved, path = published
-    interface = Glidecal(ResultScreen(solved, None, path))
+    result, path = published
+    interface = Glidecal(ResultScreen(result, None, path))
     messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("right", "y")
         await until(pilot, "words", lambda: bool(messages))
-    assert interface.clipboard.endswith(solution_text(solved))
+    assert interface.clipboard.endswith(solution_text(result))
     assert messages[0].startswith(f"{len(interface.clipboard.splitlines())} lines copied")
     assert "set-clipboard on" in messages[0]
 
@@ -507,9 +507,9 @@ async def test_copy_says_how_much(
 async def test_home(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved, path = published
+    result, path = published
     monkeypatch.chdir(path.parent)
-    interface = Glidecal(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(result, None, path))
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("escape")
         await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
@@ -518,10 +518,10 @@ async def test_home(
 
 @LONG
 async def test_comparison_is_a_page_of_its_own(verified: tuple[SessionSolution, Plan]) -> None:
-    solved, plan = verified
+    result, plan = verified
     assert plan.before is not None
-    before, after = plan.before.solution.rms_before_mm, solved.solution.rms_before_mm
-    interface = Glidecal(ResultScreen(solved, plan, plan.path))
+    before, after = plan.before.solution.rms_before_mm, result.solution.rms_before_mm
+    interface = Glidecal(ResultScreen(result, plan, plan.path))
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "text", lambda: "Next: " in text(interface, "#result-text"))
         assert page(interface) == "result"
@@ -529,7 +529,7 @@ async def test_comparison_is_a_page_of_its_own(verified: tuple[SessionSolution, 
         compared = text(interface, "#before-after-text")
         assert f"from {before:.4f} to {after:.4f} mm" in compared
         assert first.startswith(compared.splitlines()[0])
-        helps = solved.entered.helps  # the scatter is another each time
+        helps = result.entered.helps  # the scatter is another each time
         assert ("Add to the offsets" in first) is helps
         assert ("Nothing to enter" in first) is not helps
         await pilot.press("left")
@@ -548,8 +548,8 @@ async def test_comparison_is_a_page_of_its_own(verified: tuple[SessionSolution, 
 async def test_a_result_without_verification_has_no_such_page(
     published: tuple[SessionSolution, Path],
 ) -> None:
-    solved, path = published
-    interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
+    result, path = published
+    interface = Glidecal(ResultScreen(result, quick_plan(path.parent), path))
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         assert not interface.screen.query("#before-after")

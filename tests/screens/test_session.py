@@ -230,8 +230,8 @@ async def prepare(pilot: Pilot[str], interface: Glidecal, port: str) -> None:
 
 async def test_result_of_a_recorded_session(samples: Path) -> None:
     path = samples / "experiment_2_twelve.jsonl"
-    solved = solve_files([path])
-    interface = Glidecal(ResultScreen(solved, None, path))
+    result = solve_files([path])
+    interface = Glidecal(ResultScreen(result, None, path))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await until(
             pilot, "text", lambda: "something is missing" in text(interface, "#result-text")

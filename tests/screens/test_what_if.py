@@ -87,7 +87,7 @@ async def test_figures_follow_the_size_as_in_python(bowed: Path) -> None:
             residuals = shown(interface, "differences left, mm r.m.s.")
             assert residuals == (
                 round(former.rms_after_mm, 4),
-                round(outcome.solved.solution.rms_after_mm, 4),
+                round(outcome.result.solution.rms_after_mm, 4),
             )
             alone = shown(interface, "tool, effect not compensated, mm r.m.s.")[1]
             assert alone == pytest.approx(outcome.tool_mm, abs=5e-5)
@@ -95,7 +95,7 @@ async def test_figures_follow_the_size_as_in_python(bowed: Path) -> None:
             assert entered == pytest.approx(outcome.misled_mm, abs=5e-5)
             assert screen.now is not None
             assert screen.now.solution.predicted_mm.tolist() == pytest.approx(
-                outcome.solved.solution.predicted_mm.tolist(), abs=1e-12
+                outcome.result.solution.predicted_mm.tolist(), abs=1e-12
             )
             await pilot.pause()
             pictures.append(str(chart.render()))
@@ -293,8 +293,8 @@ async def test_a_session_that_cannot_be_diagnosed_has_nothing_to_try(tmp_path: P
 
 async def test_on_a_result_any_effect_is_tried_and_none_adopted(tmp_path: Path) -> None:
     path = write_session(tmp_path / "plain.jsonl", "zero-max-min", 4)
-    solved = solve_files([path], subset="both")
-    interface = Glidecal(ResultScreen(solved, None, path))
+    result = solve_files([path], subset="both")
+    interface = Glidecal(ResultScreen(result, None, path))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
         page = await tried(pilot, interface)
@@ -359,8 +359,8 @@ async def test_a_size_that_readings_do_not_show_can_be_moved_all_the_same(tmp_pa
     model = tmp_path / "m.json"
     content = ModelFile(machine=record.opened.machine, effects=(entry,))
     model.write_text(content.text(), encoding="utf-8")
-    solved = solve_files([path], subset="both")
-    interface = Glidecal(ResultScreen(solved, None, path, model))
+    result = solve_files([path], subset="both")
+    interface = Glidecal(ResultScreen(result, None, path, model))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
         page = await tried(pilot, interface)

@@ -100,13 +100,13 @@ def _scale_of(axes: tuple[int, int]) -> tuple[float, str]:
     return (1.0, "m") if axes[0] < len("xyz") else (180.0 / math.pi, "°")
 
 
-def residual_charts(solved: CalibratedMachine) -> tuple[Chart, ...]:
+def residual_charts(result: CalibratedMachine) -> tuple[Chart, ...]:
     """What the calibrated machine leaves at each posture: lengths in µm and angles in µrad, where
     there are any.
     """
-    after = solved.found.after
+    after = result.found.after
     columns = (1e6 * after.values).T.tolist()
-    posture_numbers = tuple(map(float, solved.numbers))
+    posture_numbers = tuple(map(float, result.numbers))
     charts = []
     for title, unit, angular in (("Lengths left", "µm", False), ("Angles left", "µrad", True)):
         series = tuple(

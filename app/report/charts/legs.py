@@ -51,13 +51,13 @@ class LegFigure:
         return self.readings, self.left
 
 
-def leg_figures(solved: SessionSolution) -> tuple[LegFigure, ...]:
+def leg_figures(result: SessionSolution) -> tuple[LegFigure, ...]:
     """One for each leg, axis and station; the fit is that of `SessionSolution.curves`."""
-    curves = solved.curves
+    curves = result.curves
     several = len({curve.station for curve in curves if not curve.over_plane}) > 1
     readings = [_readings(curve) for curve in curves]
     figures_left = [_left(curve) for curve in curves]
-    noise = solved.solution.noise  # of residuals it is what the pictures show
+    noise = result.solution.noise  # of residuals it is what the pictures show
     noise_known = noise.source != "residuals"
     noise_um = NOISE_ROOM * UM_PER_MM * noise.standard_deviation_mm if noise_known else 0.0
     readings, figures_left = _on_one_scale(readings), _on_one_scale(figures_left, noise_um)
@@ -65,7 +65,7 @@ def leg_figures(solved: SessionSolution) -> tuple[LegFigure, ...]:
     for curve, above, below in zip(curves, readings, figures_left, strict=True):
         title, short_title = leg_words(curve, several=several)
         enlarged = UM_PER_MM * _height(above) / _height(below)
-        left = replace(below, title=f"{left_by(solved)}, {scale_words(enlarged)}")
+        left = replace(below, title=f"{left_by(result)}, {scale_words(enlarged)}")
         figures.append(LegFigure(title, short_title, replace(above, title=title), left, enlarged))
     return tuple(figures)
 
@@ -77,9 +77,9 @@ def scale_words(enlarged: float) -> str:
     return f"{enlarged:.3g} times enlarged"
 
 
-def left_by(solved: SessionSolution) -> str:
+def left_by(result: SessionSolution) -> str:
     """What was fitted, in words."""
-    adopted = solved.solution.model.effects
+    adopted = result.solution.model.effects
     return "left by the model with its effects" if adopted else "left by offsets and lengths"
 
 

@@ -173,31 +173,31 @@ def _parts(cells: Sequence[Cell]) -> list[float]:
     ]
 
 
-def residuals_over_time(solved: SessionSolution) -> Chart:
+def residuals_over_time(result: SessionSolution) -> Chart:
     """What the model leaves of each reading over the time of its session: drift shows here."""
-    several = len(solved.sessions) > 1
+    several = len(result.sessions) > 1
     points: dict[str, list[Point]] = {}
-    for session, reading, residual_mm in solved.residuals:
+    for session, reading, residual_mm in result.residuals:
         if reading.time_s is not None:
             leg = reading.leg if reading.leg == "tool" else f"leg {reading.leg.upper()}"
             name = f"{leg} along {reading.axis.upper()}"
             if several:
-                name = f"session {1 + solved.names.index(session)}"
+                name = f"session {1 + result.names.index(session)}"
             points.setdefault(name, []).append((reading.time_s / 60.0, 1000.0 * residual_mm))
     series = tuple(series_of(name, points_of_name) for name, points_of_name in points.items())
     return Chart("Residuals", "minutes", "residual, µm", series)
 
 
-def residuals_over_normal(solved: SessionSolution) -> Chart:
+def residuals_over_normal(result: SessionSolution) -> Chart:
     """Residuals in the order of their size against those of a normal distribution.
 
     On the line, in µm, lie normal ones with the noise of the readings.
     """
-    left_mm, scores = (values.tolist() for values in solved.left_over_normal)
+    left_mm, scores = (values.tolist() for values in result.left_over_normal)
     left_um = tuple(1000.0 * mm for mm in left_mm)
-    noise_um = 1000.0 * solved.noise.standard_deviation_mm
+    noise_um = 1000.0 * result.noise.standard_deviation_mm
     line = tuple((score, noise_um * score) for score in (min(scores), max(scores)))
-    residuals = Series(left_by(solved), tuple(scores), left_um)
+    residuals = Series(left_by(result), tuple(scores), left_um)
     return Chart(
         "Residuals against the normal distribution",
         "standard deviations of a normal distribution",

@@ -35,7 +35,7 @@ def contents_of(certified: CertifiedPostures) -> CertificateContents:
     attached = result.session.opened.procedure.attach
     return CertificateContents(
         head=head,
-        machine=result.solved.source.machine.name,
+        machine=result.calibration.source.machine.name,
         serial_numbers=certified.serial_numbers,
         sessions=[_recorded(session, record) for session, record in certified.sessions],
         instruments=head.order.instrument,
@@ -66,9 +66,9 @@ def _recorded(session: PostureSession, record: Record) -> RecordedSession:
 
 def _results(certified: CertifiedPostures) -> Iterator[Result]:
     """The machine to enter, what is known of it, and errors of the platform."""
-    solved, later = certified.solved, certified.later
-    document = HexaSlideCalibrationReport.of(solved)
-    calibrated = machine_like(solved.source.machine, "", solved.entered)
+    result, later = certified.calibration, certified.later
+    document = HexaSlideCalibrationReport.of(result)
+    calibrated = machine_like(result.source.machine, "", result.entered)
     yield Result("Values to enter", NOT_ALONE, [*_entered(calibrated)])
     yield Result(
         "Error of the platform over the box",

@@ -55,9 +55,9 @@ def _recorded(session: Session) -> RecordedSession:
 
 def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
     """Values to enter, errors of the tool, and what a later session says of the values."""
-    solved, frame = calibration.solved, calibration.solved.frame
+    result, frame = calibration.result, calibration.result.frame
     yield Result("Values to enter", *_entered(calibration))
-    now, then = solved.corrections.off_now.bound_mm, solved.entered.off.bound_mm
+    now, then = result.corrections.off_now.bound_mm, result.entered.off.bound_mm
     yield Result(
         "Error of the tool over the workspace",
         "Root mean square that 95 of 100 machines with these readings keep.",
@@ -66,7 +66,7 @@ def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
             *_bounds(frame, then, "with the values entered, predicted"),
         ],
     )
-    view = solved.solution
+    view = result.solution
     columns = (view.values_mm, view.expanded_mm, view.uncertainty_mm)
     yield Result(
         f"Identified parameters, set {view.subset}",
@@ -101,8 +101,8 @@ def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
 
 def _entered(calibration: CertifiedCalibration) -> tuple[str, list[CertifiedValue]]:
     """What they are, and the values: those of a printer's firmware, else joint offsets."""
-    solved = calibration.solved
-    if change := solved.printer_change:
+    result = calibration.result
+    if change := result.printer_change:
         towers = [
             CertifiedValue(f"tower {tower.tower}: {name}", entry.then, unit)
             for tower in change.towers
@@ -123,8 +123,8 @@ def _entered(calibration: CertifiedCalibration) -> tuple[str, list[CertifiedValu
         ]
         words = "Values that the firmware of the printer is to hold."
         return words, [*towers, radius, *travels]
-    standard, expanded = (column.tolist() for column in solved.corrections.uncertainties_mm())
-    values = zip(LEG_NAMES, solved.joint_offsets_mm, expanded, standard, strict=True)
+    standard, expanded = (column.tolist() for column in result.corrections.uncertainties_mm())
+    values = zip(LEG_NAMES, result.joint_offsets_mm, expanded, standard, strict=True)
     return (
         "To add to what was entered before; true position of a joint = believed position + d_rho. "
         "The tool is off least with these values: they, not the joints alone, are within ± U.",

@@ -115,34 +115,34 @@ class CalibrationReport:
 
 def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
     """The report of results that are there."""
-    solved, verified = calibration.solved, calibration.verified
+    result, verified = calibration.result, calibration.verified
     diagnosis = calibration.diagnosed.diagnosis
-    legs, limits = leg_figures(solved), limits_of(calibration)
+    legs, limits = leg_figures(result), limits_of(calibration)
     sections = [
         Section(
             "What was measured",
             [
                 _machine(calibration.machine, calibration.tolerance_mm),
                 *_sessions(calibration.sessions, calibration.counted),
-                *_set_ups(solved.sessions[0]),
+                *_set_ups(result.sessions[0]),
             ],
         ),
-        _controller(solved, calibration.judged_words if verified else "", calibration.model),
-        _view(solved),
-        _budget(solved),
+        _controller(result, calibration.judged_words if verified else "", calibration.model),
+        _view(result),
+        _budget(result),
         *([_again(verified)] if verified else []),
         *([Section("What limits this result", limits)] if limits else []),
         _missing(calibration.diagnosed),
-        _fit(solved),
+        _fit(result),
         _legs(legs),
-        _doubted(solved, calibration.sessions),
+        _doubted(result, calibration.sessions),
         *map(_readings, calibration.sessions),
     ]
     return CalibrationReport(
         machine=calibration.machine.name,
         decision=calibration.decision,
         sentences=(
-            bound_sentence(solved.entered, solved.frame, calibration.tolerance_mm),
+            bound_sentence(result.entered, result.frame, calibration.tolerance_mm),
             f"{diagnosis.verdict.upper()}. {diagnosis.sentence}",
         ),
         first_page=first_page(calibration),
@@ -214,15 +214,15 @@ def _set_ups(session: Session) -> list[Picture]:
     return [Picture(drawings_svg(drawings), caption)] if drawings else []
 
 
-def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Section:
+def _controller(result: SessionSolution, judged: str, model: Path | None) -> Section:
     """What is to be entered and what the tool keeps then, with remedies of a model."""
-    machine, correction = solved.sessions[0].opened.machine, solved.correction
+    machine, correction = result.sessions[0].opened.machine, result.correction
     head = [judged, DECISION_RULE]
-    bound = bound_table(correction.frame, correction.off_now, solved.entered.off)
+    bound = bound_table(correction.frame, correction.off_now, result.entered.off)
     effects = read_model_file(model).effects if model else ()
     remedies = [effect_words(effect, machine) for effect in effects]
-    if change := solved.printer_change:
-        values = [*doubt_lines(solved), *change_parts(solved, change)]
+    if change := result.printer_change:
+        values = [*doubt_lines(result), *change_parts(result, change)]
         return Section("What to enter in the firmware", [*head, *values, bound, *remedies])
     sentence = (
         "True position of a joint = believed position + offset. These are the values that glidecal "
@@ -234,32 +234,32 @@ def _controller(solved: SessionSolution, judged: str, model: Path | None) -> Sec
         [
             *head,
             sentence,
-            *warning_lines(solved, correction),
-            _offsets(solved, machine),
+            *warning_lines(result, correction),
+            _offsets(result, machine),
             bound,
-            _vectors(solved),
-            "" if solved.reads_tool else UNSEEN,
-            gains_table(solved),
+            _vectors(result),
+            "" if result.reads_tool else UNSEEN,
+            gains_table(result),
             *left_out_lines(correction.left_out),
             *remedies,
         ],
     )
 
 
-def _offsets(solved: SessionSolution, machine: Machine) -> Table:
+def _offsets(result: SessionSolution, machine: Machine) -> Table:
     """Joint offsets beside those that were entered when it was measured."""
     table = new_table("joint", "entered when measured, mm", "add, mm", "± U (95 %)", "together, mm")
-    wide_mm = solved.corrections.half_widths_mm().tolist()
-    columns = (machine.entered_offsets_mm, solved.joint_offsets_mm, wide_mm)
+    wide_mm = result.corrections.half_widths_mm().tolist()
+    columns = (machine.entered_offsets_mm, result.joint_offsets_mm, wide_mm)
     for name, now_mm, added, wide in zip(LEG_NAMES, *columns, strict=True):
         now, add, both = map(shown_value, (now_mm, added, now_mm + added))
         table.add_row(name, now, add, uncertain(wide, 4), both)
     return table
 
 
-def _vectors(solved: SessionSolution) -> Picture:
+def _vectors(result: SessionSolution) -> Picture:
     """Which way the tool is off, now and with the values entered."""
-    correction = solved.correction
+    correction = result.correction
     states = (("now", correction.off_now), ("with these values entered", correction.off))
     maps = [(words, vector_maps(off, correction.frame)) for words, off in states]
     caption = (
@@ -270,23 +270,23 @@ def _vectors(solved: SessionSolution) -> Picture:
     return Picture(vectors_svg(maps), caption)
 
 
-def _view(solved: SessionSolution) -> Section:
+def _view(result: SessionSolution) -> Section:
     """One set of parameters as the papers identify it."""
-    solution = solved.solution
+    solution = result.solution
     caption = (
-        f"Expected error of the tool with the values of this view, {FRAME_WORDS[solved.frame]}, µm "
+        f"Expected error of the tool with the values of this view, {FRAME_WORDS[result.frame]}, µm "
         "r.m.s., on three planes through Zero."
     )
     return Section(
         "Parameters as the papers identify them",
         [
-            verdict_words(solved),
-            noise_words(solved),
+            verdict_words(result),
+            noise_words(result),
             parameter_table(solution),
             *([size_table(solution)] if solution.sizes else []),
-            subset_table(solved),
+            subset_table(result),
             *_correlations(solution),
-            Picture(maps_svg(solved.tool_maps), caption),
+            Picture(maps_svg(result.tool_maps), caption),
         ],
     )
 
@@ -301,9 +301,9 @@ def _correlations(solution: Solution) -> Iterator[Picture]:
         yield Picture(correlations_svg(solution.names, solution.correlation), caption)
 
 
-def _budget(solved: SessionSolution) -> Section:
+def _budget(result: SessionSolution) -> Section:
     """What the uncertainties of the view are made of."""
-    solution = solved.solution
+    solution = result.solution
     sources = solution.budget_mm
     together, inflated = solution.expanded_with_tolerances_mm, solution.inflated_expanded_mm
     of_values = new_table("± in mm (95 %)", *sources, "± U together", "if what is left is noise")
@@ -316,7 +316,7 @@ def _budget(solved: SessionSolution) -> Section:
         "made of these: it is over everything that may be true of the machine."
     )
     shares = Picture(
-        pareto_svg(solved.budget),
+        pareto_svg(result.budget),
         "Sources of the uncertainty of these parameters, the largest first. The line is their "
         "share of the square of U so far. U of the values to enter is another one.",
     )
@@ -371,18 +371,18 @@ def _evidence(diagnosis: Diagnosis) -> Sequence[Table | Picture]:
     return candidates_table(candidates), picture
 
 
-def _fit(solved: SessionSolution) -> Section:
+def _fit(result: SessionSolution) -> Section:
     """What the model makes of the readings."""
     caption = f"Differences as measured, and what the model leaves of them{WHISKER_WORDS}"
-    bars = Picture(bars_svg(measured_and_predicted(solved.solution)), caption)
-    parts: list[Table | Picture] = [difference_table(solved.solution), bars]
-    if (over_time := residuals_over_time(solved)).series:
+    bars = Picture(bars_svg(measured_and_predicted(result.solution)), caption)
+    parts: list[Table | Picture] = [difference_table(result.solution), bars]
+    if (over_time := residuals_over_time(result)).series:
         parts.append(Picture(svg_of(over_time), "Residuals over time: drift shows here."))
     caption = (
         "Residuals in the order of their size. On the line they are normal with the noise of the "
         "readings; steeper is more than noise; a point far from the others is an outlier."
     )
-    parts.append(Picture(svg_of(residuals_over_normal(solved)), caption))
+    parts.append(Picture(svg_of(residuals_over_normal(result)), caption))
     return Section("Differences", parts)
 
 
@@ -399,11 +399,11 @@ def _legs(legs: tuple[LegFigure, ...]) -> Section:
     return Section("Each leg over its travel", [sentence, *pictures])
 
 
-def _doubted(solved: SessionSolution, sessions: Sequence[Session]) -> Section:
+def _doubted(result: SessionSolution, sessions: Sequence[Session]) -> Section:
     """Readings that were questioned, superseded or do not fit their repeats; steps left out."""
     suspects = {
         (suspect.session, suspect.reading.reading): suspect.studentised
-        for suspect in solved.suspects
+        for suspect in result.suspects
     }
     table = new_table("session", "no.", "at", "value, mm", "", left=3)
     lines = []

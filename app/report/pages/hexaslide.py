@@ -101,23 +101,24 @@ def source_from(certified: CertifiedPostures) -> ReportSource:
 
 def report_page(certified: CertifiedPostures) -> CalibrationReport:
     """The report of results that are there."""
-    result, solved, later = certified.result, certified.solved, certified.later
-    document = HexaSlideCalibrationReport.of(solved)
-    calibrated = machine_like(solved.source.machine, "", solved.entered)
+    result, later = certified.result, certified.later
+    calibration = result.calibration
+    document = HexaSlideCalibrationReport.of(calibration)
+    calibrated = machine_like(calibration.source.machine, "", calibration.entered)
     enter = ENTER if is_shown_better(document) else KEEP
     simulated = any(session.opened.origin == "simulated" for session, _ in certified.sessions)
     return CalibrationReport(
-        machine=solved.source.machine.full_name,
+        machine=calibration.source.machine.full_name,
         decision=_decision(certified),
         sentences=(_at_most(document), verdict_line(result)),
         first_page=[
             Section("", [_object(certified), SIMULATED if simulated else ""]),
             Section("Traceability", _traceability(certified)),
-            Section("Result", [_errors(document), RULE, enter, *_moved(solved, calibrated)]),
+            Section("Result", [_errors(document), RULE, enter, *_moved(calibration, calibrated)]),
         ],
         second_page=[
             Section("Entered and verified", _verified(later.verified if later else None)),
-            Section("What is left at each posture", _charts(solved)),
+            Section("What is left at each posture", _charts(calibration)),
             Section(
                 "Limits of this result",
                 shortened_limits(_all_limits(result, document), LONGEST),
@@ -126,12 +127,12 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
         sections=[
             Section(
                 "What was measured",
-                [_machine(solved.source.machine, certified.tolerance_mm), _drawn(solved)],
+                [_machine(calibration.source.machine, certified.tolerance_mm), _drawn(calibration)],
             ),
-            Section("What to enter in the controller", [enter, _values(solved, calibrated)]),
+            Section("What to enter in the controller", [enter, _values(calibration, calibrated)]),
             Section(
                 "Parameters",
-                [parameter_table(document), *figure_lines(document, solved.found.factor)],
+                [parameter_table(document), *figure_lines(document, calibration.found.factor)],
             ),
             Section("What limits this result", _all_limits(result, document)),
             Section("What is missing from the model", missing_parts(result)),
@@ -161,15 +162,15 @@ def _decision(certified: CertifiedPostures) -> str:
         verified, words = certified.later.verified, "measured again"
         return _judged(verified.decision, verified.after, verified.tolerance_mm, words)
     words = "as it was measured"
-    return _judged(certified.decision, certified.solved, certified.tolerance_mm, words)
+    return _judged(certified.decision, certified.calibration, certified.tolerance_mm, words)
 
 
 def _judged(
-    decision: Decision | None, solved: CalibratedMachine, tolerance_mm: float | None, when: str
+    decision: Decision | None, result: CalibratedMachine, tolerance_mm: float | None, when: str
 ) -> str:
     if decision is None:
         return NOT_JUDGED.format("platform_tolerance_mm")
-    return f"{decision.upper()}, {when}: {off_words(solved, tolerance_mm)}"
+    return f"{decision.upper()}, {when}: {off_words(result, tolerance_mm)}"
 
 
 def _at_most(document: HexaSlideCalibrationReport) -> str:
@@ -221,10 +222,10 @@ def _errors(document: HexaSlideCalibrationReport) -> Table:
     return table
 
 
-def _moved(solved: CalibratedMachine, calibrated: HexaSlideMachine) -> Iterator[str | Table]:
+def _moved(result: CalibratedMachine, calibrated: HexaSlideMachine) -> Iterator[str | Table]:
     """By how much each chain of the calibrated machine differs from its file."""
     table = new_table("chain", "start, mm", "joint, mm", "link, mm", "rail, mrad")
-    for number, was, now in _chains(solved, calibrated):
+    for number, was, now in _chains(result, calibrated):
         mrad = f"{1000.0 * math.dist(was.rail, now.rail):.3f}" if was.rail and now.rail else ""
         table.add_row(
             number,
@@ -238,15 +239,15 @@ def _moved(solved: CalibratedMachine, calibrated: HexaSlideMachine) -> Iterator[
 
 
 def _chains(
-    solved: CalibratedMachine, calibrated: HexaSlideMachine
+    result: CalibratedMachine, calibrated: HexaSlideMachine
 ) -> Iterator[tuple[str, Chain, Chain]]:
     """Number, chain of the machine file and calibrated chain."""
-    pairs = zip(solved.source.machine.chain, calibrated.chain, strict=True)
+    pairs = zip(result.source.machine.chain, calibrated.chain, strict=True)
     for number, (was, now) in enumerate(pairs, start=1):
         yield f"{number}", was, now
 
 
-def _values(solved: CalibratedMachine, calibrated: HexaSlideMachine) -> Table:
+def _values(result: CalibratedMachine, calibrated: HexaSlideMachine) -> Table:
     """Every value of the machine file beside the calibrated one."""
     table = new_table("chain", "key", "machine file", "calibrated", "change", left=2)
 
@@ -256,13 +257,13 @@ def _values(solved: CalibratedMachine, calibrated: HexaSlideMachine) -> Table:
             figures = (signed(value, digits) for value in (first, second, second - first))
             table.add_row(place, f"{key} {axis}".rstrip(), *figures)
 
-    for number, was, now in _chains(solved, calibrated):
+    for number, was, now in _chains(result, calibrated):
         add(number, "start_mm", was.start_mm, now.start_mm, 4)
         add(number, "joint_mm", was.joint_mm, now.joint_mm, 4)
         if was.rail and now.rail:
             add(number, "rail", was.rail, now.rail, 7)
         add(number, "link_mm", (was.link_mm,), (now.link_mm,), 4)
-    ends, ends_now = solved.source.machine.constraint_link, calibrated.constraint_link
+    ends, ends_now = result.source.machine.constraint_link, calibrated.constraint_link
     if ends is not None and ends_now is not None and ends != ends_now:
         add("link", "platform_end_mm", ends.platform_end_mm, ends_now.platform_end_mm, 4)
         add("link", "base_end_mm", ends.base_end_mm, ends_now.base_end_mm, 4)
@@ -278,17 +279,17 @@ def _verified(verified: VerifiedMachine | None) -> list[str]:
     return [decision, f"{before} Session: {verified.after.name}.", *next_lines]
 
 
-def _drawn(solved: CalibratedMachine) -> Picture:
-    machine = solved.source.machine.whole()
+def _drawn(result: CalibratedMachine) -> Picture:
+    machine = result.source.machine.whole()
     caption = "The machine at the middle of its box"
     if not machine.geometry.telescopic:
         caption += "; dotted: rails, as far as the sliders go there"
     return Picture(drawings_svg(drawn_machine(machine, machine.box.centre)), f"{caption}.")
 
 
-def _charts(solved: CalibratedMachine) -> list[Picture]:
+def _charts(result: CalibratedMachine) -> list[Picture]:
     caption = "Measured less predicted with the calibrated machine, by posture."
-    return [Picture(svg_of(chart), caption) for chart in residual_charts(solved)]
+    return [Picture(svg_of(chart), caption) for chart in residual_charts(result)]
 
 
 def _all_limits(result: PostureResult, document: HexaSlideCalibrationReport) -> list[str]:

@@ -29,9 +29,9 @@ class SessionFigures:
     legs: tuple[LegFigure, ...]
 
     @classmethod
-    def of(cls, solved: SessionSolution) -> SessionFigures:
+    def of(cls, result: SessionSolution) -> SessionFigures:
         """Those of a solution."""
-        return cls(leg_figures(solved))
+        return cls(leg_figures(result))
 
     def __str__(self) -> str:
         return legs_text(self.legs)

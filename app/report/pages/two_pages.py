@@ -63,19 +63,19 @@ class Section:
 
 def first_page(calibration: CertifiedCalibration) -> list[Section]:
     """What was calibrated for whom, how and with what, and the result."""
-    solved = calibration.solved
+    result = calibration.result
     simulated = any(session.opened.origin == "simulated" for session in calibration.sessions)
     return [
         Section("", [_object(calibration), SIMULATED if simulated else ""]),
-        Section("Traceability", traceability(calibration.instruments, gauge_word(solved))),
-        Section("Result", _result(solved)),
+        Section("Traceability", traceability(calibration.instruments, gauge_word(result))),
+        Section("Result", _result(result)),
     ]
 
 
 def second_page(calibration: CertifiedCalibration, legs: Sequence[LegFigure]) -> list[Section]:
     """Whether the values were entered, what U covers, the pictures of legs, and what limits."""
-    solved = calibration.solved
-    heading = f"{taken_word(solved).capitalize()}s"
+    result = calibration.result
+    heading = f"{taken_word(result).capitalize()}s"
     caption = (
         f"{heading} with the fit, in mm, and below each what the fit leaves, in µm. All have the "
         "same scales."
@@ -93,12 +93,12 @@ def second_page(calibration: CertifiedCalibration, legs: Sequence[LegFigure]) ->
 
 def limits_of(calibration: CertifiedCalibration) -> list[str]:
     """What a reader must know before using the numbers, the gravest first."""
-    solved, diagnosed = calibration.solved, calibration.diagnosed
+    result, diagnosed = calibration.result, calibration.diagnosed
     return [
-        *solved.warnings,
+        *result.warnings,
         *diagnosed.warnings,
-        *caveats(solved),
-        *caveats_of_view(solved),
+        *caveats(result),
+        *caveats_of_view(result),
         *(f"Remark: {remark}" for remark in diagnosed.diagnosis.remarks),
     ]
 
@@ -116,7 +116,7 @@ def _object(calibration: CertifiedCalibration) -> Table:
         ("operator", dict.fromkeys(start.operator for start in opened)),
         ("temperature", dict.fromkeys(celsius_words(start.temperature_c) for start in opened)),
         ("procedure", dict.fromkeys(procedures)),
-        (f"{taken_word(calibration.solved)}s that count", [f"{count}"]),
+        (f"{taken_word(calibration.result)}s that count", [f"{count}"]),
     ]
     records = [(session.name, session.digest) for session in sessions[:MOST_SESSIONS]]
     add_facts(table, rows, records)
@@ -183,22 +183,22 @@ def traceability(instruments: Sequence[InstrumentIdentity], gauge: str) -> list[
     return [table, words]
 
 
-def _result(solved: SessionSolution) -> list[str | Table]:
+def _result(result: SessionSolution) -> list[str | Table]:
     """What is entered, and what the tool is off by now and then."""
-    correction, change = solved.correction, solved.printer_change
+    correction, change = result.correction, result.printer_change
     words = f"The values leave least of the tool's error, {FRAME_WORDS[correction.frame]}."
     if change:
         values = change_tables(change)
-        warnings = [*doubt_lines(solved), *change_answers(solved, change)]
+        warnings = [*doubt_lines(result), *change_answers(result, change)]
     else:
         values = [correction_table(correction)]
         words = (
             f"True position of a joint = believed position + d_rho. {words} They, not the joints "
             "alone, are within ± U."
         )
-        warnings = [*warning_lines(solved, correction)]
+        warnings = [*warning_lines(result, correction)]
     return [
-        bound_table(correction.frame, correction.off_now, solved.entered.off),
+        bound_table(correction.frame, correction.off_now, result.entered.off),
         DECISION_RULE,
         *values,
         words,

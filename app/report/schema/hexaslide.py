@@ -145,11 +145,11 @@ class MeasuringNoiseEntry:
     degrees_of_freedom: float | None
 
 
-def _noise(solved: CalibratedMachine) -> MeasuringNoiseEntry:
-    calibrated, noise = solved.found, solved.source.noise
+def _noise(result: CalibratedMachine) -> MeasuringNoiseEntry:
+    calibrated, noise = result.found, result.source.noise
     stated = math.isinf(calibrated.degrees_of_freedom)
     length = None if calibrated.noise_m is None else 1000.0 * calibrated.noise_m
-    angles = any(name in ANGLES for name in solved.source.measured)
+    angles = any(name in ANGLES for name in result.source.measured)
     ratio = noise.angle_mrad / noise.length_mm if stated else 1.0
     return MeasuringNoiseEntry(
         length,
@@ -174,9 +174,9 @@ class HexaSlideParameter:
     coverage_factor: float | None = None
 
 
-def _parameters(solved: CalibratedMachine) -> dict[str, HexaSlideParameter]:
-    calibrated, results = solved.found, solved.parameters
-    entered = solved.entered.parameters(calibrated.names).tolist()
+def _parameters(result: CalibratedMachine) -> dict[str, HexaSlideParameter]:
+    calibrated, results = result.found, result.parameters
+    entered = result.entered.parameters(calibrated.names).tolist()
     parameters = {}
     for k, name in enumerate(calibrated.names):
         is_known = name in calibrated.known
@@ -184,7 +184,7 @@ def _parameters(solved: CalibratedMachine) -> dict[str, HexaSlideParameter]:
         if is_known and results.standard is not None and results.expanded is not None:
             deviation, half = float(results.standard[k]), float(results.expanded[k])
             uncertain = deviation, half, half / deviation
-        nominal, unit = float(solved.start[k]), unit_of(name)
+        nominal, unit = float(result.start[k]), unit_of(name)
         parameters[name] = HexaSlideParameter(entered[k], nominal, unit, is_known, *uncertain)
     return parameters
 
@@ -205,8 +205,8 @@ INNER_NAMES = (
 )
 
 
-def _inner(solved: CalibratedMachine) -> dict[str, InnerLength]:
-    lengths = solved.lengths_m
+def _inner(result: CalibratedMachine) -> dict[str, InnerLength]:
+    lengths = result.lengths_m
     uncertain = [column for column in (lengths.standard, lengths.expanded) if column is not None]
     return rows(InnerLength, INNER_NAMES, lengths.values, *uncertain)
 
@@ -221,10 +221,10 @@ class ComponentResidual:
     share: float
 
 
-def _by_component(solved: CalibratedMachine) -> tuple[ComponentResidual, ...]:
-    after = solved.found.after
+def _by_component(result: CalibratedMachine) -> tuple[ComponentResidual, ...]:
+    after = result.found.after
     sizes = 1000.0 * (after.values**2).mean(axis=0) ** 0.5
-    columns = (after.names, sizes.tolist(), after.angular, solved.by_column.tolist())
+    columns = (after.names, sizes.tolist(), after.angular, result.by_column.tolist())
     return tuple(
         ComponentResidual(name, size, "mrad" if angular else "mm", share)
         for name, size, angular, share in zip(*columns, strict=True)

@@ -231,7 +231,7 @@ LINES = "none where the machine file has no tolerances of lines"
 class SolutionResults:
     """A solution, and what was asked for beyond it."""
 
-    solved: SessionSolution
+    result: SessionSolution
     judged: Judgement | None = None
     maps: tuple[PlaneMap, ...] | None = None
     simulated: MonteCarlo | None = None
@@ -244,7 +244,7 @@ def of_view(
     getter: Callable[[Solution], V], words: str | None = None, *, asked: bool = False
 ) -> V | None:
     """A field of the view; null where the readings determine no set."""
-    return _of_results(lambda r: maybe(getter, r.solved.view_solution), words, asked=asked)
+    return _of_results(lambda r: maybe(getter, r.result.view_solution), words, asked=asked)
 
 
 class SolutionReport(Report):
@@ -255,16 +255,16 @@ class SolutionReport(Report):
 
     of = Source[SolutionResults]()
     schema_id: Literal["glidecal.solution/1"] = schema("glidecal.solution/1")
-    sessions: tuple[str, ...] = of(lambda r: r.solved.names)
+    sessions: tuple[str, ...] = of(lambda r: r.result.names)
     measured: tuple[MeasuredSession, ...] = of(
-        lambda r: tuple(map(MeasuredSession.of, r.solved.sessions)), "in the order of the sessions"
+        lambda r: tuple(map(MeasuredSession.of, r.result.sessions)), "in the order of the sessions"
     )
-    method: Method = of(lambda r: r.solved.choice.method)
-    weights: Weights = of(lambda r: r.solved.choice.weights)
+    method: Method = of(lambda r: r.result.choice.method)
+    weights: Weights = of(lambda r: r.result.choice.weights)
     correction: CorrectionEntry = of(
-        lambda r: CorrectionEntry.of(r.solved), "what is entered; parameters are a view"
+        lambda r: CorrectionEntry.of(r.result), "what is entered; parameters are a view"
     )
-    lines: tuple[LineParameter, ...] = of(lambda r: r.solved.lines, f"lines of the drives; {LINES}")
+    lines: tuple[LineParameter, ...] = of(lambda r: r.result.lines, f"lines of the drives; {LINES}")
     subset: Subset | None = of_view(lambda v: v.subset, "of the view")
     parameters: dict[str, Parameter] | None = of_view(lambda v: v.parameters)
     covariance: Covariance | None = of_view(lambda v: Covariance.of(v))
@@ -276,16 +276,16 @@ class SolutionReport(Report):
     rms_before_mm: float | None = of_view(lambda v: v.rms_before_mm, "over all differences")
     rms_after_mm: float | None = of_view(lambda v: v.rms_after_mm, "over all differences")
     degrees_of_freedom: int | None = of_view(lambda v: v.degrees_of_freedom)
-    noise: ReadingNoise = of(lambda r: ReadingNoise.of(r.solved.noise))
+    noise: ReadingNoise = of(lambda r: ReadingNoise.of(r.result.noise))
     display_step_found_mm: float | None = of(
-        lambda r: r.solved.display_found_mm,
+        lambda r: r.result.display_found_mm,
         "step of the display as the values show it, if it is not stated; null: they show none",
     )
     suspect_readings: tuple[SuspectReading, ...] = of(
-        lambda r: tuple(map(SuspectReading.of, r.solved.suspects))
+        lambda r: tuple(map(SuspectReading.of, r.result.suspects))
     )
     lost_readings: tuple[IsolatedReadingsEntry, ...] = of(
-        lambda r: tuple(map(IsolatedReadingsEntry.of, r.solved.isolated))
+        lambda r: tuple(map(IsolatedReadingsEntry.of, r.result.isolated))
     )
     enlarged_by_lack_of_fit: float | None = of_view(
         lambda v: v.inflation,
@@ -310,18 +310,18 @@ class SolutionReport(Report):
     condition_number: float | None = of_view(lambda v: v.condition_number)
     weak_directions: tuple[Direction, ...] | None = of_view(lambda v: v.weak_directions)
     recommended_subset: Subset | None = of(
-        lambda r: r.solved.choice.usual if r.solved.choice.solutions else None,
+        lambda r: r.result.choice.usual if r.result.choice.solutions else None,
         "the view where none is asked for; what is entered is correction",
     )
-    reasons: tuple[str, ...] = of(lambda r: r.solved.choice.reasons, "why sets are missing")
+    reasons: tuple[str, ...] = of(lambda r: r.result.choice.reasons, "why sets are missing")
     effects: tuple[FittedSize, ...] | None = of_view(
         lambda v: v.sizes or None, "with --model", asked=True
     )
     ambiguous_effects: tuple[str, ...] = of(
-        lambda r: r.solved.ambiguous, "those of the model that are one of several that would do"
+        lambda r: r.result.ambiguous, "those of the model that are one of several that would do"
     )
     held_sizes: tuple[str, ...] = of(
-        lambda r: r.solved.held, "those of the model that a person stated and nothing fitted"
+        lambda r: r.result.held, "those of the model that a person stated and nothing fitted"
     )
     tolerance: Judgement | None = of(lambda r: r.judged, "with --tolerance", asked=True)
     tool_maps: tuple[ToolMapEntry, ...] | None = of(

@@ -24,18 +24,18 @@ MOST_NAMED = 8
 """So many of a kind are named; nobody reads hundreds."""
 
 
-def caveats(solved: SessionSolution) -> list[str]:
+def caveats(result: SessionSolution) -> list[str]:
     """What to know of the readings and the model, one line each, the gravest first."""
     lines = []
-    if solved.ambiguous:
+    if result.ambiguous:
         from protocols.model_file import ambiguity  # with a model only
 
-        lines.append(f"WARNING: {ambiguity(solved.ambiguous)}")
-    if solved.held:
-        lines.append(f"Held as a person stated it, not fitted: {'; '.join(solved.held)}.")
-    lines += changed_lines(solved.corrections, solved.names)
+        lines.append(f"WARNING: {ambiguity(result.ambiguous)}")
+    if result.held:
+        lines.append(f"Held as a person stated it, not fitted: {'; '.join(result.held)}.")
+    lines += changed_lines(result.corrections, result.names)
     for part in (_of_noise, _of_readings, _of_the_measurement):
-        lines += part(solved)
+        lines += part(result)
     return lines
 
 
@@ -50,16 +50,16 @@ def changed_lines(corrections: ControllerCorrections, names: Sequence[str]) -> l
     ]
 
 
-def caveats_of_view(solved: SessionSolution) -> list[str]:
+def caveats_of_view(result: SessionSolution) -> list[str]:
     """What to know of the set of parameters that is shown, one line each, the gravest first."""
-    return [*_of_the_fit(solved), *_of_weak_directions(solved), *_of_residuals(solved)]
+    return [*_of_the_fit(result), *_of_weak_directions(result), *_of_residuals(result)]
 
 
-def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
+def _of_the_fit(result: SessionSolution) -> Iterator[str]:
     """What the model leaves, and sets that the readings do not determine."""
-    solution, refused = solved.solution, solved.choice.refused
+    solution, refused = result.solution, result.choice.refused
     fit = solution.lack_of_fit
-    if fit and solution.lacks_fit and solved.is_part_of_the_model:
+    if fit and solution.lacks_fit and result.is_part_of_the_model:
         yield (
             f"These parameters alone leave {math.sqrt(fit.statistic):.1f} times the noise. With "
             "the lines of the drives, for which the values to enter allow, nothing is missing."
@@ -83,7 +83,7 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
             f"All figures are valid only if {right}: these readings show neither an error there "
             "nor what it does at the tool."
         )
-    if solution.beyond_tolerance and not solved.is_part_of_the_model:
+    if solution.beyond_tolerance and not result.is_part_of_the_model:
         parts_beyond = ", ".join(
             f"{name} {signed(value, 2)} mm (tolerance {within:g})"
             for name, value, within in solution.beyond_tolerance
@@ -96,46 +96,46 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
         )
 
 
-def taken_word(solved: SessionSolution) -> str:
+def taken_word(result: SessionSolution) -> str:
     """One thing that was measured."""
-    return "contact" if solved.of_contacts else "reading"
+    return "contact" if result.of_contacts else "reading"
 
 
-def gauge_word(solved: SessionSolution) -> str:
+def gauge_word(result: SessionSolution) -> str:
     """What measured it."""
-    return "probe" if solved.of_contacts else "indicator"
+    return "probe" if result.of_contacts else "indicator"
 
 
-def _of_noise(solved: SessionSolution) -> Iterator[str]:
+def _of_noise(result: SessionSolution) -> Iterator[str]:
     """No noise at all, indicators with more of it, drift."""
-    noise = solved.noise
+    noise = result.noise
     if noise.standard_deviation_mm < LEAST_NOISE_MM:
         yield (
-            f"WARNING: these {taken_word(solved)}s show no noise, so the uncertainties are only "
-            f"rounding. State the resolution and repeatability of the {gauge_word(solved)}s."
+            f"WARNING: these {taken_word(result)}s show no noise, so the uncertainties are only "
+            f"rounding. State the resolution and repeatability of the {gauge_word(result)}s."
         )
-    if solved.noisy:
-        noisy_words = "; ".join(map(_noisy, solved.noisy[:MOST_NAMED]))
-        remaining = len(solved.noisy) - MOST_NAMED
+    if result.noisy:
+        noisy_words = "; ".join(map(_noisy, result.noisy[:MOST_NAMED]))
+        remaining = len(result.noisy) - MOST_NAMED
         yield (
-            f"NOTE: the {gauge_word(solved)}s scatter differently: {noisy_words}"
+            f"NOTE: the {gauge_word(result)}s scatter differently: {noisy_words}"
             f"{f'; {remaining} more' if remaining > 0 else ''}; the others "
-            f"{uncertain(math.sqrt(solved.noise_of_each.quiet_mm2), 4)} mm. Each is weighted by "
+            f"{uncertain(math.sqrt(result.noise_of_each.quiet_mm2), 4)} mm. Each is weighted by "
             "its own scatter. Check the one that scatters most."
         )
     if noise.cycle_drift_mm is not None:
         yield (
-            f"NOTE: the {taken_word(solved)}s drift from cycle to cycle by "
+            f"NOTE: the {taken_word(result)}s drift from cycle to cycle by "
             f"{uncertain(noise.cycle_drift_mm)} mm r.m.s. This is not part of the noise, but drift "
             "within a cycle is part of the differences. Is the machine warm? Is the "
-            f"{'probe' if solved.of_contacts else 'stand'} firm? "
+            f"{'probe' if result.of_contacts else 'stand'} firm? "
             "glidecal diagnose looks for drift."
         )
 
 
-def _of_weak_directions(solved: SessionSolution) -> Iterator[str]:
+def _of_weak_directions(result: SessionSolution) -> Iterator[str]:
     """Combinations of parameters that the noise hides."""
-    solution = solved.solution
+    solution = result.solution
     factor = solution.coverage_factor
     for direction in solution.weak_directions:
         against = ""
@@ -147,7 +147,7 @@ def _of_weak_directions(solved: SessionSolution) -> Iterator[str]:
             f"WEAK: {direction.combination} known only to ±{uncertain(half_mm, 2)} mm{against}; at "
             f"the tool, {FRAME_WORDS['machine']}, that is {uncertain(tool_mm, 2)} mm."
         )
-    if solution.weak_directions and not solved.reads_tool:
+    if solution.weak_directions and not result.reads_tool:
         yield "What to measure to improve this: glidecal plan."
 
 
@@ -159,32 +159,32 @@ def _noisy(channel: NoisyChannel) -> str:
     return f"{where} {uncertain(indicator.scatter_mm, 4)} mm"
 
 
-def _of_readings(solved: SessionSolution) -> Iterator[str]:
+def _of_readings(result: SessionSolution) -> Iterator[str]:
     """Readings that do not fit their repeats, that lack another posture, or that never change."""
-    for suspect in solved.suspects[:MOST_NAMED]:
+    for suspect in result.suspects[:MOST_NAMED]:
         r = suspect.reading
         yield (
-            f"SUSPECT: {taken_word(solved)} {r.reading} of {suspect.session} ({_place(r)}, "
+            f"SUSPECT: {taken_word(result)} {r.reading} of {suspect.session} ({_place(r)}, "
             f"cycle {r.cycle}) is {signed(suspect.studentised, 1)} standard deviations from its "
             "repeats. It is used. Measure it again."
         )
-    yield from _more("SUSPECT", len(solved.suspects) - MOST_NAMED)
-    for isolated in solved.isolated[:MOST_NAMED]:
+    yield from _more("SUSPECT", len(result.suspects) - MOST_NAMED)
+    for isolated in result.isolated[:MOST_NAMED]:
         numbers = ", ".join(str(reading.reading) for reading in isolated.readings)
         yield (
-            f"NOT USED: {taken_word(solved)} {numbers} of {isolated.session} "
+            f"NOT USED: {taken_word(result)} {numbers} of {isolated.session} "
             f"({_place(isolated.readings[0])}) is alone with its zero: without a second posture it "
             "gives no difference. Measure at least two postures between two breaks."
         )
-    yield from _more("NOT USED", len(solved.isolated) - MOST_NAMED)
-    for session, reading, count in solved.still[:MOST_NAMED]:
+    yield from _more("NOT USED", len(result.isolated) - MOST_NAMED)
+    for session, reading, count in result.still[:MOST_NAMED]:
         yield (
             f"STILL: all {count} readings of leg {reading.leg.upper()} along "
             f"{reading.axis.upper()} in set-up {reading.mount} of {session} are "
             f"{signed(reading.value_mm, 4)} mm, wherever the machine was. Does the plunger touch "
             "the leg? Is the display on hold?"
         )
-    yield from _more("STILL", len(solved.still) - MOST_NAMED)
+    yield from _more("STILL", len(result.still) - MOST_NAMED)
 
 
 def _more(kind: str, count: int) -> list[str]:
@@ -197,22 +197,22 @@ def _place(r: Reading) -> str:
     return f"leg {r.leg.upper()}, along {r.axis.upper()}, at {r.displacement_mm:+g} mm"
 
 
-def _of_the_measurement(solved: SessionSolution) -> Iterator[str]:
+def _of_the_measurement(result: SessionSolution) -> Iterator[str]:
     """Repeats that show no scatter, readings without a movement between, legs not touched."""
     # repeats that agree to the last digit tell only that the noise is below the display's step
-    step_mm = indicator_figures(solved.sessions).display_mm
-    if solved.noise.repeated == "equal" and step_mm:
+    step_mm = indicator_figures(result.sessions).display_mm
+    if result.noise.repeated == "equal" and step_mm:
         yield (
             f"NOTE: all repeats agree to the last digit, {step_mm:g} mm. They do not show how much "
-            f"the {taken_word(solved)}s scatter, and more of them would not make the result better."
+            f"the {taken_word(result)}s scatter, and more of them would not make the result better."
         )
-    in_place = len(solved.observed) - len(solved.visits)
+    in_place = len(result.observations) - len(result.visits)
     if in_place:
         yield (
             f"NOTE: {in_place} readings were taken without leaving the posture. They have the "
             "error of the reading before, so they are averaged with it and not used as repeats."
         )
-    touched = {reading.leg for session in solved.sessions for reading in session.readings}
+    touched = {reading.leg for session in result.sessions for reading in session.readings}
     missing = [leg.upper() for leg in LEG_NAMES if leg not in touched]
     if missing and "tool" not in touched:
         legs = f"leg {missing[0]} was" if len(missing) == 1 else f"legs {', '.join(missing)} were"
@@ -230,14 +230,14 @@ REPEATS_WORDS: dict[Repeated, str] = {
 }
 
 
-def _of_residuals(solved: SessionSolution) -> Iterator[str]:
+def _of_residuals(result: SessionSolution) -> Iterator[str]:
     """A fit without residuals cannot be checked."""
-    solution = solved.solution
+    solution = result.solution
     if solution.noise.source == "residuals":
         alternative = "" if solution.noise.repeated == "equal" else "measure more cycles, or "
         yield (
             f"NOTE: {REPEATS_WORDS[solution.noise.repeated]}, and there are no stated figures of "
-            f"the {gauge_word(solved)}, so the residual is taken as noise and cannot show whether "
+            f"the {gauge_word(result)}, so the residual is taken as noise and cannot show whether "
             f"the model fits: {alternative}import with --resolution and --repeatability."
         )
     elif solution.lack_of_fit is None:

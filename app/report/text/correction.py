@@ -91,10 +91,10 @@ def bound_table(first: Frame, off_now: ToolOff, off: ToolOff) -> Table:
     return table
 
 
-def gains_table(solved: SessionSolution) -> Table:
+def gains_table(result: SessionSolution) -> Table:
     """What other exports of the same controller would keep."""
     table = new_table("if the controller has", "tool at most, mm")
-    for gain in solved.others:
+    for gain in result.others:
         table.add_row(HOLDS_WORDS[gain.holds], uncertain(gain.bound_mm))
     return table
 
@@ -125,12 +125,12 @@ def left_out_lines(left_out: Iterable[LeftOut]) -> Iterator[str]:
         yield f"Left out: {', '.join(parts)}. Reason: {reason}."
 
 
-def gain_line(solved: SessionSolution, correction: SessionCorrection) -> str:
+def gain_line(result: SessionSolution, correction: SessionCorrection) -> str:
     """What other exports of the same controller would gain, as one line."""
     words = {**FORMATS_WORDS, correction.holds: "this export with the parts that it leaves out"}
     gains = [
         f"{words[gain.holds]} at most {uncertain(gain.bound_mm)} mm"
-        for gain in solved.corrections.others(correction)
+        for gain in result.corrections.others(correction)
         if gain.clear
     ]
     if not gains:
@@ -141,14 +141,14 @@ def gain_line(solved: SessionSolution, correction: SessionCorrection) -> str:
     )
 
 
-def correction_lines(solved: SessionSolution, correction: SessionCorrection) -> Iterable[str]:
+def correction_lines(result: SessionSolution, correction: SessionCorrection) -> Iterable[str]:
     """What every file of a correction says of it."""
-    change = solved.printer_change if correction.holds != "kinematics" else None
+    change = result.printer_change if correction.holds != "kinematics" else None
     return (
         bound_line(correction),
         *left_out_lines(correction.left_out),
-        firmware_line(change) if change else gain_line(solved, correction),
-        *warning_lines(solved, correction),
+        firmware_line(change) if change else gain_line(result, correction),
+        *warning_lines(result, correction),
     )
 
 
@@ -161,9 +161,9 @@ def firmware_line(change: PrinterChange) -> str:
     )
 
 
-def warning_lines(solved: SessionSolution, correction: SessionCorrection) -> Iterator[str]:
+def warning_lines(result: SessionSolution, correction: SessionCorrection) -> Iterator[str]:
     """Mistakes of the readings that may be there, and that values are not worth entering."""
-    yield from doubt_lines(solved)
+    yield from doubt_lines(result)
     if not correction.helps:
         yield (
             "WARNING: these values are not expected to make the tool more accurate: the bound "
@@ -171,9 +171,9 @@ def warning_lines(solved: SessionSolution, correction: SessionCorrection) -> Ite
         )
 
 
-def doubt_lines(solved: SessionSolution) -> Iterator[str]:
+def doubt_lines(result: SessionSolution) -> Iterator[str]:
     """Mistakes of the readings that may be there."""
-    mistakes = solved.corrections.mistakes
+    mistakes = result.corrections.mistakes
     if mistakes:
         mistake_words = ", or ".join(
             f"{mistake.title} ({mistake.where}), {mistake.probability:.2f}" for mistake in mistakes
@@ -184,7 +184,7 @@ def doubt_lines(solved: SessionSolution) -> Iterator[str]:
             f"{mistake_words}. The values are those of the likeliest labels, the tool error is "
             "over all; the record is not changed. Check it, and measure again."
         )
-    if furthest := solved.furthest_distance:
+    if furthest := result.furthest_distance:
         distance = furthest.distance
         way = "longer" if furthest.deviations > 0.0 else "shorter"
         yield (
@@ -195,18 +195,18 @@ def doubt_lines(solved: SessionSolution) -> Iterator[str]:
         )
 
 
-def sole_mistake_words(solved: SessionSolution) -> Iterator[str]:
+def sole_mistake_words(result: SessionSolution) -> Iterator[str]:
     """The likeliest mistake of the readings in one line, if any."""
-    for mistake in solved.corrections.mistakes[:1]:
+    for mistake in result.corrections.mistakes[:1]:
         yield (
             f"WARNING: likely a mistake in the readings: {mistake.title} ({mistake.where}). "
             "Measure again."
         )
 
 
-def view_words(solved: SessionSolution) -> str:
+def view_words(result: SessionSolution) -> str:
     """That a set of the papers is written in place of the correction."""
     return (
-        f"NOTE: the set {solved.subset} is written as it was asked for. Without --subset and "
+        f"NOTE: the set {result.subset} is written as it was asked for. Without --subset and "
         "--method the export writes the correction that leaves least at the tool."
     )

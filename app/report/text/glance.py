@@ -31,7 +31,7 @@ SOUND = "Nothing to enter: the tool would not become clearly more accurate:"
 
 
 def glance_text(
-    solved: SessionSolution,
+    result: SessionSolution,
     before: SessionSolution | None,
     actions: Collection[Done],
     columns: int,
@@ -43,52 +43,52 @@ def glance_text(
 
     ``before`` is the session that this one verifies.
     """
-    machine, frame = solved.sessions[-1].opened.machine, solved.frame
-    change, correction = solved.printer_change, solved.entered
+    machine, frame = result.sessions[-1].opened.machine, result.frame
+    change, correction = result.printer_change, result.entered
     tolerance_mm = machine.tool_tolerance_mm
     bars = now_and_after(correction.now_mm, correction.bound_mm, tolerance_mm, columns)
     verdict = [] if before else [bound_sentence(correction, frame, tolerance_mm)]
     if tolerance_mm:
-        verdict = [judged_sentence(judge(solved, tolerance_mm), verified=before is not None)]
-    views = (before and before.view_solution, solved.view_solution)
+        verdict = [judged_sentence(judge(result, tolerance_mm), verified=before is not None)]
+    views = (before and before.view_solution, result.view_solution)
     if views[0] and views[1]:
         verdict.append(comparison_sentence(views[0], views[1]))
-    caution = export_caution(solved) if Done.EXPORTED in actions else ""
+    caution = export_caution(result) if Done.EXPORTED in actions else ""
     heading = "Add to the offsets in the controller:" if any(machine.entered_offsets_mm) else ""
     if not correction.helps:
         heading = SOUND if before else WORTHLESS
     return paragraphs(
-        [*verdict, *_cautions(solved), *([f"WARNING: {caution}"] if caution else [])],
+        [*verdict, *_cautions(result), *([f"WARNING: {caution}"] if caution else [])],
         heading,
-        *(change_tables(change) if change else [correction_table(solved.correction)]),
+        *(change_tables(change) if change else [correction_table(result.correction)]),
         [f"Tool error, at most (95 %), r.m.s., {FRAME_WORDS[frame]}:", *bars],
-        next_text(solved, actions, exports=exports, measures=measures),
+        next_text(result, actions, exports=exports, measures=measures),
     )
 
 
-def _cautions(solved: SessionSolution) -> Iterator[str]:
+def _cautions(result: SessionSolution) -> Iterator[str]:
     """A short line each; the pages behind say more."""
-    yield from sole_mistake_words(solved)
-    if solved.lacks_something:
+    yield from sole_mistake_words(result)
+    if result.lacks_something:
         yield "WARNING: something is missing from the model. The bound allows for it."
-    elif solved.suspects:
+    elif result.suspects:
         yield "WARNING: a reading does not fit its repeats. Details name it."
 
 
 def next_text(
-    solved: SessionSolution, actions: Collection[Done], *, exports: bool, measures: bool
+    result: SessionSolution, actions: Collection[Done], *, exports: bool, measures: bool
 ) -> str:
     """What to do next with this result; nothing where nothing can be done from here."""
-    session = solved.sessions[-1]
+    session = result.sessions[-1]
     if exports and not session.closed and session.next_step() is not None:
         return CONTINUE
-    if solved.lacks_something and not {*actions} - {Done.REPORTED}:
+    if result.lacks_something and not {*actions} - {Done.REPORTED}:
         return "Next: {result.diagnose} looks for what is missing from the model."
     if not exports:
         return ""
-    if not solved.entered.helps:
+    if not result.entered.helps:
         leave = LEFT_AS_IT_IS if Done.REPORTED in actions else LEAVE_AS_IT_IS
-        return f"Next: {MORE_THAN_OFFSETS if solved.corrections.more_helps else leave}"
+        return f"Next: {MORE_THAN_OFFSETS if result.corrections.more_helps else leave}"
     if Done.EXPORTED in actions:
         then = AGAIN if measures else PRINT if Done.REPORTED in actions else REPORT
         return f"Next: enter the values in the controller; {then}"

@@ -41,9 +41,9 @@ def simulated_text(measured: HexaSlideMeasurements) -> str:
     )
 
 
-def calibration_text(solved: CalibratedMachine) -> str:
+def calibration_text(result: CalibratedMachine) -> str:
     """The sentences that matter, parameters, what is left, then the checks."""
-    document = HexaSlideCalibrationReport.of(solved)  # words and JSON tell the same numbers
+    document = HexaSlideCalibrationReport.of(result)  # words and JSON tell the same numbers
     linked = document.procedure is ProcedureKind.CONSTRAINT_LINK
     sliders = "sliders on the constraint link" if linked else "sliders"
     verdict = (
@@ -56,10 +56,10 @@ def calibration_text(solved: CalibratedMachine) -> str:
         f"{document.measurements}: {document.machine} ({document.machine_file}), "
         f"{document.procedure.value}, {document.postures.count} {document.origin} postures; read: "
         f"{', '.join([sliders, *document.measured])}",
-        beside_words(solved.adopted),
+        beside_words(result.adopted),
         "\n".join([*verdict, platform_text(document), *caveats(document)]),
         parameter_table(document),
-        "\n".join(figure_lines(document, solved.found.factor)),
+        "\n".join(figure_lines(document, result.found.factor)),
         *left_parts(document),
         "\n".join([check_words(document), *_truth(document)]),
     )
@@ -93,9 +93,9 @@ def verification_lines(verified: VerifiedMachine) -> list[str]:
     ]
 
 
-def off_words(solved: CalibratedMachine, tolerance_mm: float | None) -> str:
+def off_words(result: CalibratedMachine, tolerance_mm: float | None) -> str:
     """What the platform is off by as it was measured, beside the tolerance."""
-    off_mm, bound_m = 1000.0 * solved.platform.now.places_rms_m, solved.platform.bound_m
+    off_mm, bound_m = 1000.0 * result.platform.now.places_rms_m, result.platform.bound_m
     off, bound = f"{off_mm:.3g}", "an unknown amount"
     if bound_m is not None:
         off, bound_mm = deciding_figures(off_mm, 1000.0 * bound_m, tolerance_mm)

@@ -59,16 +59,16 @@ def glance_text(result: PostureResult, columns: int, *, read_only: bool, folder:
 
     ``folder`` is that with the calibrated machine, empty before.
     """
-    solved = result.solved
-    document = HexaSlideCalibrationReport.of(solved)
-    tolerance_mm = solved.source.machine.platform_tolerance_mm
-    decision = "NOT JUDGED" if tolerance_mm is None else decided(solved, tolerance_mm).upper()
+    calibration = result.calibration
+    document = HexaSlideCalibrationReport.of(calibration)
+    tolerance_mm = calibration.source.machine.platform_tolerance_mm
+    decision = "NOT JUDGED" if tolerance_mm is None else decided(calibration, tolerance_mm).upper()
     platform, count = document.platform, len(document.individually_known)
     after = "after is not known" if platform.bound_rms_mm is None else "after: at most (95 %)"
     bars = now_and_after(platform.now_rms_mm, platform.bound_rms_mm, tolerance_mm, columns)
     files = f"{folder} has" if folder else "{postures.export} writes"
     return paragraphs(
-        f"{decision}: {off_words(solved, tolerance_mm)}"
+        f"{decision}: {off_words(calibration, tolerance_mm)}"
         f"{NO_TOLERANCE if tolerance_mm is None else ''}\n{verdict_line(result)}",
         [f"Platform error, r.m.s. over the box; {after}:", *bars],
         f"{document.parameter_count} parameters are entered: {files} them as files, page Details "
@@ -97,14 +97,14 @@ def next_text(document: HexaSlideCalibrationReport, folder: str) -> str:
 
 def details_text(result: PostureResult) -> str:
     """Parameters, and what is known only together."""
-    document = HexaSlideCalibrationReport.of(result.solved)
-    lines = "\n".join(figure_lines(document, result.solved.found.factor))
+    document = HexaSlideCalibrationReport.of(result.calibration)
+    lines = "\n".join(figure_lines(document, result.calibration.found.factor))
     return paragraphs(parameter_table(document), lines)
 
 
 def left_text(result: PostureResult) -> str:
     """What the calibrated machine leaves, and the check on postures that were kept out."""
-    parts = left_parts(HexaSlideCalibrationReport.of(result.solved))
+    parts = left_parts(HexaSlideCalibrationReport.of(result.calibration))
     return paragraphs(*parts, check_words(HexaSlideCalibrationReport.of(result.checked)))
 
 

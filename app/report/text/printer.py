@@ -46,10 +46,10 @@ SIZE_SHOWS = 3.0
 """Times the unevenness with the values: a bound beyond it is of what the plate does not show."""
 
 
-def change_parts(solved: SessionSolution, change: PrinterChange) -> list[str | Table]:
+def change_parts(result: SessionSolution, change: PrinterChange) -> list[str | Table]:
     """What to change, then what the contacts say of probe, geometry and size."""
     where = f"{WHERE} {SCREWS}" if change.endstops_alone and change.helps else WHERE
-    return [*change_tables(change), where, "\n".join(change_answers(solved, change))]
+    return [*change_tables(change), where, "\n".join(change_answers(result, change))]
 
 
 def change_tables(change: PrinterChange) -> list[Table]:
@@ -95,9 +95,9 @@ def _travel_table(change: PrinterChange) -> Table:
     return table
 
 
-def change_answers(solved: SessionSolution, change: PrinterChange) -> Iterator[str]:
+def change_answers(result: SessionSolution, change: PrinterChange) -> Iterator[str]:
     """Does it repeat; is it the probe or the geometry; how good can it get."""
-    noise, uneven = solved.noise, change.uneven_mm
+    noise, uneven = result.noise, change.uneven_mm
     scatter_mm = change.scatter_mm
     if not change.helps and not change.probe_limits:
         yield NOT_WORTH_IT
@@ -122,9 +122,9 @@ def change_answers(solved: SessionSolution, change: PrinterChange) -> Iterator[s
             f"values the same contacts would differ by {uncertain(uneven.then)} mm."
         )
         if scatter_mm is not None and uneven.then > BEYOND_NOISE * scatter_mm:
-            yield WITHIN_TOLERANCES if solved.verdict == "agrees" else WITHOUT_AN_ENTRY
+            yield WITHIN_TOLERANCES if result.verdict == "agrees" else WITHOUT_AN_ENTRY
     if change.bound_mm > SIZE_SHOWS * uneven.then and not any(
-        session.distances for session in solved.sessions
+        session.distances for session in result.sessions
     ):
         yield SIZE_IS_OPEN
 

@@ -62,65 +62,65 @@ BLIND_CONDITION = 1e12
 """Condition number from which on only rounding tells one combination of parameters."""
 
 
-def solution_text(solved: SessionSolution) -> str:
+def solution_text(result: SessionSolution) -> str:
     """What to enter and what the tool keeps then; below it a set of the papers as a view."""
-    remarks = [remark for session in solved.sessions for remark in session.opened.remarks]
-    for session in solved.sessions:
+    remarks = [remark for session in result.sessions for remark in session.opened.remarks]
+    for session in result.sessions:
         remarks += [*dict.fromkeys(session.notes), *left_out_words(session)]
     return paragraphs(
-        *entered_parts(solved),
-        *view_parts(solved),
-        "\n".join(map(_measured_words, solved.sessions)),
+        *entered_parts(result),
+        *view_parts(result),
+        "\n".join(map(_measured_words, result.sessions)),
         *(f"Remark: {remark}" for remark in remarks),
     )
 
 
-def entered_parts(solved: SessionSolution) -> list[str | Table]:
+def entered_parts(result: SessionSolution) -> list[str | Table]:
     """The correction: values, the bound with them, what other exports would keep, cautions."""
-    correction, change = solved.correction, solved.printer_change
-    now, then = correction.off_now, solved.entered.off
+    correction, change = result.correction, result.printer_change
+    now, then = correction.off_now, result.entered.off
     where = "firmware" if change else "controller"
     head = (
-        f"{', '.join(solved.names)}: values to enter in the {where}, "
-        f"{FRAME_WORDS[correction.frame]}, {solved.reading_count} {taken_word(solved)}s"
+        f"{', '.join(result.names)}: values to enter in the {where}, "
+        f"{FRAME_WORDS[correction.frame]}, {result.reading_count} {taken_word(result)}s"
     )
-    bound, lines = bound_table(correction.frame, now, then), line_parts(solved)
+    bound, lines = bound_table(correction.frame, now, then), line_parts(result)
     if change:
-        doubts = "\n".join(doubt_lines(solved))
-        values = change_parts(solved, change)
-        return [head, doubts, *values, bound, *lines, "\n".join(caveats(solved))]
+        doubts = "\n".join(doubt_lines(result))
+        values = change_parts(result, change)
+        return [head, doubts, *values, bound, *lines, "\n".join(caveats(result))]
     return [
         head,
-        "\n".join(warning_lines(solved, correction)),
+        "\n".join(warning_lines(result, correction)),
         correction_table(correction),
         bound,
-        "" if solved.reads_tool else UNSEEN,
-        gains_table(solved),
+        "" if result.reads_tool else UNSEEN,
+        gains_table(result),
         *lines,
-        "\n".join([*left_out_lines(correction.left_out), *caveats(solved)]),
+        "\n".join([*left_out_lines(correction.left_out), *caveats(result)]),
     ]
 
 
-def line_parts(solved: SessionSolution) -> list[str | Table]:
+def line_parts(result: SessionSolution) -> list[str | Table]:
     """Lines of the drives within their tolerances; nothing where the machine file has none."""
-    if not solved.lines:
+    if not result.lines:
         return []
-    return [result_table(DataTable.of(LineParameter, solved.lines))]
+    return [result_table(DataTable.of(LineParameter, result.lines))]
 
 
-def view_parts(solved: SessionSolution) -> list[str | Table]:
+def view_parts(result: SessionSolution) -> list[str | Table]:
     """One set of parameters as the papers identify it: a view, which is not what is entered."""
-    if (solution := solved.view_solution) is None:
-        return [f"View: none. {solved.choice.refused['joint-offsets']}"]
+    if (solution := result.view_solution) is None:
+        return [f"View: none. {result.choice.refused['joint-offsets']}"]
     return [
         f"View: {SUBSET_WORDS[solution.subset]}, {_method_words(solution)}",
-        verdict_words(solved),
+        verdict_words(result),
         parameter_table(solution),
         *([size_table(solution)] if solution.sizes else []),
-        "\n".join(caveats_of_view(solved)),
+        "\n".join(caveats_of_view(result)),
         difference_table(solution),
-        subset_table(solved),
-        noise_words(solved),
+        subset_table(result),
+        noise_words(result),
     ]
 
 
@@ -163,22 +163,22 @@ def _method_words(solution: Solution) -> str:
     return "linear system (11), pseudoinverse as in the papers"
 
 
-def verdict_words(solved: SessionSolution) -> str:
+def verdict_words(result: SessionSolution) -> str:
     """How well the parameters of the view are known, and what that is at legs, a line each."""
-    solution = solved.solution
+    solution = result.solution
     return (
-        f"{_known_words(solved)}\n"
-        f"{'Tool' if solved.reads_tool else 'Leg'} deviations {solution.rms_before_mm:.4f} → "
+        f"{_known_words(result)}\n"
+        f"{'Tool' if result.reads_tool else 'Leg'} deviations {solution.rms_before_mm:.4f} → "
         f"{solution.rms_after_mm:.4f} mm r.m.s."
     )
 
 
-def _known_words(solved: SessionSolution) -> str:
+def _known_words(result: SessionSolution) -> str:
     """What is known to how much; of joint offsets often only how they differ from the bars."""
-    solution = solved.solution
-    source = f"95 %, {taken_word(solved)} noise only"
+    solution = result.solution
+    source = f"95 %, {taken_word(result)} noise only"
     if solution.subset == "with-tolerances":
-        source = f"95 %, {taken_word(solved)} noise and tolerances of the parts"
+        source = f"95 %, {taken_word(result)} noise and tolerances of the parts"
     elif solution.noise.source == "residuals":
         source = "95 %, residual taken as noise"
     width = uncertain(float(solution.expanded_with_tolerances_mm.max()))
@@ -222,32 +222,32 @@ def difference_table(solution: Solution) -> Table:
     return result_table(DataTable.of(Difference, solution.tabulated, "difference"))
 
 
-def subset_table(solved: SessionSolution) -> Table:
+def subset_table(result: SessionSolution) -> Table:
     """What each set of parameters leaves of the differences."""
     table = new_table("set of parameters", "residual r.m.s., mm")
     for subset in SUBSETS:
         residual = "left out"
-        if subset in solved.choice.solutions:
-            residual = f"{solved.choice.solutions[subset].rms_after_mm:.4f}"
+        if subset in result.choice.solutions:
+            residual = f"{result.choice.solutions[subset].rms_after_mm:.4f}"
         table.add_row(SUBSET_WORDS[subset], residual)
     return table
 
 
-def noise_words(solved: SessionSolution) -> str:
+def noise_words(result: SessionSolution) -> str:
     """Where the noise figure comes from, and the parameters known least independently."""
-    solution, noise = solved.solution, solved.noise
-    mean = "" if noise.pooled else f" r.m.s. over the {gauge_word(solved)}s"
+    solution, noise = result.solution, result.noise
+    mean = "" if noise.pooled else f" r.m.s. over the {gauge_word(result)}s"
     value, first, second = solution.strongest_correlation or (0.0, "", "")
     value_words = signed(value, 2)
     correlation = f"strongest correlation {value_words}, {first} and {second}."
     if float(value_words) == 0.0:
         correlation = "no correlation to state."
-    step_mm = solved.display_found_mm
+    step_mm = result.display_found_mm
     display = f"; display step {step_mm:g} mm, found in the values" if step_mm else ""
     return (
-        f"Noise of a single {taken_word(solved)} "
+        f"Noise of a single {taken_word(result)} "
         f"{uncertain(noise.standard_deviation_mm, 4)} mm{mean}, "
-        f"{_source_words(solved)}{display}.\n"
+        f"{_source_words(result)}{display}.\n"
         f"Coverage factor {solution.coverage_factor:.3f}; condition number "
         f"{_condition_words(solution.condition_number)}; {correlation}"
     )
@@ -260,8 +260,8 @@ def _condition_words(condition_number: float) -> str:
     return f"{condition_number:.1f}"
 
 
-def _source_words(solved: SessionSolution) -> str:
-    noise = solved.noise
+def _source_words(result: SessionSolution) -> str:
+    noise = result.noise
     free = noise.degrees_of_freedom
     degrees = "" if math.isinf(free) else f", {free_words(free)}"
     if noise.source == "repeats":
@@ -272,7 +272,7 @@ def _source_words(solved: SessionSolution) -> str:
         return f"mostly rounding of the display{degrees}"
     if noise.repeated == "equal":
         return "from resolution and repeatability as stated or seen in the digits"
-    return f"from the {gauge_word(solved)}'s stated resolution and repeatability"
+    return f"from the {gauge_word(result)}'s stated resolution and repeatability"
 
 
 def bound_sentence(
@@ -378,9 +378,9 @@ explain. If it is much larger than the noise, {{result.diagnose}} looks for the 
 WHICH_SET = "Which set of parameters? It is a view: the values to enter stay."
 
 
-def result_heading(solved: SessionSolution, path: Path, model: Path | None) -> str:
+def result_heading(result: SessionSolution, path: Path, model: Path | None) -> str:
     """Which session, in which folder, on a line."""
-    others_words = f" and {len(solved.names) - 1} more" if len(solved.names) > 1 else ""
+    others_words = f" and {len(result.names) - 1} more" if len(result.names) > 1 else ""
     beside = f"   with model {model.name}" if model else ""
     return f"{path.name}{others_words}   in {path.absolute().parent.name or '/'}{beside}"
 
@@ -397,9 +397,9 @@ def exported_text(folder: Path, paths: Sequence[Path]) -> str:
     return f"Written to {folder.name}, beside the session: {names}"
 
 
-def export_caution(solved: SessionSolution) -> str:
+def export_caution(result: SessionSolution) -> str:
     """What could not be known of an export; empty where nothing is to be said."""
-    stated = solved.sessions[0].opened.machine.home_at_mm() is not None
+    stated = result.sessions[0].opened.machine.home_at_mm() is not None
     return "" if stated else UNKNOWN_HOME_OFFSET
 
 

@@ -58,10 +58,10 @@ class Candidate:
 
 
 def candidates(
-    model: Model, observed: Conditions, effects: Sequence[Effect] = CATALOGUE
+    model: Model, observations: Conditions, effects: Sequence[Effect] = CATALOGUE
 ) -> tuple[Candidate, ...]:
     """What the readings could show of these laws; the rest is `invisible`."""
-    return candidates_together([(model, observed)], effects)
+    return candidates_together([(model, observations)], effects)
 
 
 def candidates_together(
@@ -75,7 +75,7 @@ def candidates_together(
 
 
 def single_places(
-    model: Model, observed: Conditions, effects: Sequence[Effect]
+    model: Model, observations: Conditions, effects: Sequence[Effect]
 ) -> tuple[Candidate, ...]:
     """These laws at one place each, as a model file names it, where the readings show them.
 
@@ -85,19 +85,19 @@ def single_places(
     alone = [
         _one(effect, columns, place)
         for effect, columns in zip(
-            placed_effects, place_columns(model, observed, placed_effects), strict=True
+            placed_effects, place_columns(model, observations, placed_effects), strict=True
         )
         for place in columns
     ]
-    seen = _are_seen(observed.mount, alone)
+    seen = _are_seen(observations.mount, alone)
     return tuple(candidate for candidate, is_seen in zip(alone, seen, strict=True) if is_seen)
 
 
 def invisible(
-    model: Model, observed: Conditions, effects: Sequence[Effect] = CATALOGUE
+    model: Model, observations: Conditions, effects: Sequence[Effect] = CATALOGUE
 ) -> tuple[tuple[str, str], ...]:
     """Id and place of what changes no reading of these, or only zeros of mountings."""
-    every_candidate = list(_all_candidates([(model, observed)], effects))
+    every_candidate = list(_all_candidates([(model, observations)], effects))
     visible = {(c.id, c.where) for c, is_seen in every_candidate if is_seen}
     return tuple(
         dict.fromkeys((c.id, c.where) for c, _ in every_candidate if (c.id, c.where) not in visible)
@@ -124,7 +124,7 @@ def _steps(effect: Effect, place: str) -> list[EffectInstance]:
 
 def place_columns(
     model: Model,
-    observed: Conditions,
+    observations: Conditions,
     effects: Sequence[Effect],
     laws: Container[tuple[Effect, str]] | None = None,
 ) -> list[dict[str, FloatArray]]:
@@ -139,14 +139,14 @@ def place_columns(
             (rows.setdefault(place, []), by_place)
             for effect, rows in zip(effects, by_effect, strict=True)
             if effect.stage == stage
-            for place in effect.places(observed)
+            for place in effect.places(observations)
             if laws is None or (effect, place) in laws
             for by_place in _steps(effect, place)
         ]
         if stepped:
             together = _Together(tuple(placed for _, placed in stepped), stage)
             acting = (*model.effects, together)
-            readings = simulate(model.geometry, model.parameters_mm, observed, acting)
+            readings = simulate(model.geometry, model.parameters_mm, observations, acting)
             for (rows, _), row in zip(stepped, readings.imag / COMPLEX_STEP_MM, strict=True):
                 rows.append(row)
     return [
@@ -185,7 +185,7 @@ def _all_candidates(
     """Every candidate and whether it is seen."""
     geometry = sessions[0][0].geometry
     placed_effects = effects_of(effects, geometry)
-    mount = joined([observed for _, observed in sessions]).mount
+    mount = joined([observations for _, observations in sessions]).mount
     places = stacked_columns(sessions, placed_effects)
     alone = [
         [_one(effect, columns, place) for place in columns]
@@ -207,7 +207,7 @@ def stacked_columns(
     sessions: Sequence[tuple[Model, Conditions]], effects: Sequence[Effect]
 ) -> list[dict[str, FloatArray]]:
     """`place_columns` of several sessions below each other, zero where one has no such place."""
-    parts = [place_columns(model, observed, effects) for model, observed in sessions]
+    parts = [place_columns(model, observations, effects) for model, observations in sessions]
     stacked = []
     for effect, *of_sessions in zip(effects, *parts, strict=True):
         zeros = [np.zeros((len(o), len(effect.parameters))) for _, o in sessions]

@@ -114,14 +114,14 @@ def test_solve_fits_the_size_beside_the_parameters(scaled: Measured) -> None:
 
 def test_a_cause_that_explains_the_rest_does_not_hinder_a_pass(scaled: Measured) -> None:
     """The bound counts it. Parameters alone leave more than noise, of which `solve` warns."""
-    solved = calibrate_file(scaled.second, None, 0.0)
-    assert solved.found.p_value is not None
-    assert solved.found.p_value < 1e-3
-    assert solved.platform.bound_m is not None
-    least_mm = 1000.0 * (solved.platform.now.places_rms_m + solved.platform.bound_m)
-    assert decided(solved, 1.001 * least_mm) == "pass"
-    assert decided(solved, 0.999 * least_mm) == "undecided"
-    document = HexaSlideCalibrationReport.of(solved)
+    result = calibrate_file(scaled.second, None, 0.0)
+    assert result.found.p_value is not None
+    assert result.found.p_value < 1e-3
+    assert result.platform.bound_m is not None
+    least_mm = 1000.0 * (result.platform.now.places_rms_m + result.platform.bound_m)
+    assert decided(result, 1.001 * least_mm) == "pass"
+    assert decided(result, 0.999 * least_mm) == "undecided"
+    document = HexaSlideCalibrationReport.of(result)
     assert "something that the model does not have" in " ".join(caveats(document))
 
 
@@ -219,5 +219,5 @@ def test_legs_of_a_platform_get_their_effects_as_well(tmp_path: Path) -> None:
     (effect,) = json.loads(adopting.out)["adopted"]["effects"]
     assert (effect["id"], effect["where"]) == ("leg_scale", "leg 4")
     assert effect["values"][0] == pytest.approx(0.5, abs=3.5 * effect["standard_uncertainties"][0])
-    solved = json.loads(glidecal("solve", session, "--model", model, "--json").out)
-    assert solved["lack_of_fit"]["p_value"] > 1e-3
+    result = json.loads(glidecal("solve", session, "--model", model, "--json").out)
+    assert result["lack_of_fit"]["p_value"] > 1e-3

@@ -64,8 +64,8 @@ def told(status: int, *arguments: str | Path) -> str:
 
 
 def document(path: Path, truth: Path | None = None, share: float = 0.2) -> dict[str, Any]:
-    solved = calibrate_file(path, truth, share)
-    return HexaSlideCalibrationReport.of(solved).model_dump(mode="json")
+    result = calibrate_file(path, truth, share)
+    return HexaSlideCalibrationReport.of(result).model_dump(mode="json")
 
 
 def test_simulate_and_solve_as_a_person_would(tmp_path: Path) -> None:
@@ -190,9 +190,9 @@ def test_without_noise_the_truth_comes_back_through_the_files(tmp_path: Path) ->
 
 def test_words_of_what_is_lost_left_and_checked(tmp_path: Path) -> None:
     path, truth = written(tmp_path, "position", 40)
-    solved = calibrate_file(path, truth, 0.25)
-    text = calibration_text(solved).replace("\n", " ")
-    fit = HexaSlideCalibrationReport.of(solved).model_dump(mode="json")
+    result = calibrate_file(path, truth, 0.25)
+    text = calibration_text(result).replace("\n", " ")
+    fit = HexaSlideCalibrationReport.of(result).model_dump(mode="json")
     assert (
         "NOT IDENTIFIABLE, left as the machine file has it: platform frame turned about its X; "
         "platform frame turned about its Y; platform frame turned about its Z." in text
@@ -333,8 +333,8 @@ def test_postures_all_alike_are_refused(tmp_path: Path) -> None:
 
 
 def test_combinations_that_are_no_motion_of_a_frame_are_told(tmp_path: Path) -> None:
-    solved = calibrate_file(written(tmp_path, "position", 24)[0], None, 0.0)
-    frames = HexaSlideCalibrationReport.of(solved)
+    result = calibrate_file(written(tmp_path, "position", 24)[0], None, 0.0)
+    frames = HexaSlideCalibrationReport.of(result)
     more = frames.model_copy(update={"lost_count": 5})
     assert "NOT IDENTIFIABLE: 2 more combinations" in "\n".join(caveats(more))
     assert "more combinations" not in "\n".join(caveats(frames))

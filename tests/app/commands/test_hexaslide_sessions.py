@@ -62,8 +62,8 @@ def test_a_simulated_session_is_calibrated_to_its_machine(procedure: str, tmp_pa
     path = simulated(tmp_path / "s.jsonl", procedure, 11)
     session, record = read_postures(path)
     assert record.end == "closed"
-    solved = calibrate_file(path, None, 0.0)
-    assert solved.found.rank == {"position": 46, "constraint-link": 48, "link-indicator": 48}.get(
+    result = calibrate_file(path, None, 0.0)
+    assert result.found.rank == {"position": 46, "constraint-link": 48, "link-indicator": 48}.get(
         procedure, 49
     )
     nominal, truth = session.opened.machine.whole(), simulated_truth(session).whole()
@@ -71,14 +71,14 @@ def test_a_simulated_session_is_calibrated_to_its_machine(procedure: str, tmp_pa
     sliders = nominal.sliders_at(postures)
     stands = [
         np.asarray(forward_near(machine.geometry, sliders, postures))
-        for machine in (solved.found.machine, truth)
+        for machine in (result.found.machine, truth)
     ]
-    free = solved.found.laid_over
+    free = result.found.laid_over
     residual_m = frames_apart(stands[0], stands[1], free).places_rms_m
     before = frames_apart(postures, stands[1], free).places_rms_m
-    assert solved.platform.bound_m is not None, "whether it holds: test_hexaslide_platform"
-    assert max(residual_m, solved.platform.bound_m) < 0.2 * before
-    assert solved.platform.now.places_rms_m == pytest.approx(before, rel=0.25)
+    assert result.platform.bound_m is not None, "whether it holds: test_hexaslide_platform"
+    assert max(residual_m, result.platform.bound_m) < 0.2 * before
+    assert result.platform.now.places_rms_m == pytest.approx(before, rel=0.25)
 
 
 def test_calibrate_enter_and_verify_as_a_person_would(tmp_path: Path) -> None:
@@ -287,8 +287,8 @@ def test_the_five_minutes_of_the_documentation(tmp_path: Path) -> None:
         texts.append(" ".join(run.out.split()))
         for name in ("before.csv", "after.csv"):
             shutil.copy(ROOT / "sample_sessions/hexaslide" / name, tmp_path)
-    solved = next(text for text in texts if "combinations" in text)
-    match = re.search(r"off by ([\d.]+) mm r.m.s. now .* by at most ([\d.]+) mm", solved)
+    result = next(text for text in texts if "combinations" in text)
+    match = re.search(r"off by ([\d.]+) mm r.m.s. now .* by at most ([\d.]+) mm", result)
     assert match is not None
     stated = f"off by {float(match[1]):.2f} mm r.m.s. now, by at most {float(match[2]):.3f} mm"
     assert stated in words

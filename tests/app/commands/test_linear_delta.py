@@ -108,10 +108,10 @@ def test_movements_of_carriages_follow_from_positions_and_lifts(tmp_path: Path) 
     rows = ["0,0,0,0.1,", "50,0,0,0.2,", "0,0,0,0.1,5", "0,0,0,0.1,"]
     source.write_text("\n".join(["x_mm,y_mm,z_mm,value_mm,lift_mm", *rows]), encoding="utf-8")
     ran("import", source, "-o", path, *MACHINE)
-    observed = to_observations([fold(read_record(path).events)])
-    assert observed.movement.tolist() == [[0, 0, 0], [-1, 1, -1], [-1, -1, -1], [-1, -1, -1]]
-    assert observed.position_mm[1].tolist() == [50.0, 0.0, 0.0]
-    assert observed.station.tolist() == [0.0] * 4
+    observations = to_observations([fold(read_record(path).events)])
+    assert observations.movement.tolist() == [[0, 0, 0], [-1, 1, -1], [-1, -1, -1], [-1, -1, -1]]
+    assert observations.position_mm[1].tolist() == [50.0, 0.0, 0.0]
+    assert observations.station.tolist() == [0.0] * 4
 
 
 def test_replay_shows_positions(tmp_path: Path) -> None:

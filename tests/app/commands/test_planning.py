@@ -354,9 +354,9 @@ def test_plan_goes_by_the_frame_and_by_what_the_controller_holds(tmp_path: Path)
     bounds = {}
     for words in ((), ("--frame", "machine"), ("--holds", "kinematics")):
         plan = document("plan", session, *words)
-        solved = document("solve", session, *words)
+        result = document("solve", session, *words)
         key = f"{plan['frame'].replace('-', '_')}_mm"
-        assert plan["bound_mm"] == pytest.approx(solved["correction"]["bound"][key])
+        assert plan["bound_mm"] == pytest.approx(result["correction"]["bound"][key])
         bounds[words] = plan["bound_mm"]
     assert len(set(bounds.values())) == 3
 

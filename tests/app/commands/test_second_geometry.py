@@ -47,9 +47,9 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 def test_the_machine_is_found_and_verified(measured: tuple[Path, Path], tmp_path: Path) -> None:
     before, entered = measured
     assert glidecal("validate", before).status == 0
-    solved = json.loads(glidecal("solve", before, "--held-out", "0", "--json").out)
-    assert (solved["rank"], solved["parameter_count"], solved["lost_count"]) == (34, 37, 3)
-    assert not [name for name in solved["parameters"] if name.startswith("a")]
+    result = json.loads(glidecal("solve", before, "--held-out", "0", "--json").out)
+    assert (result["rank"], result["parameter_count"], result["lost_count"]) == (34, 37, 3)
+    assert not [name for name in result["parameters"] if name.startswith("a")]
     diagnosis = json.loads(glidecal("diagnose", before, "--json").out)
     assert (diagnosis["verdict"], diagnosis["named"]) == ("agrees", [])
     after = tmp_path / "after.jsonl"
@@ -189,8 +189,8 @@ def test_what_is_seen_too_weakly_is_not_to_be_entered(tmp_path: Path) -> None:
     linked = ("--procedure", "constraint-link", "--postures", "60", "--seed", "1")
     out = ("-o", tmp_path / "m.json")
     assert glidecal("simulate", "--machine", FILE, *linked, *out).status == 0
-    solved = json.loads(glidecal("solve", tmp_path / "m.json", "--json").out)
-    platform = solved["platform"]
+    result = json.loads(glidecal("solve", tmp_path / "m.json", "--json").out)
+    platform = result["platform"]
     assert platform["bound_rms_mm"] > platform["now_rms_mm"]
     text = " ".join(glidecal("solve", tmp_path / "m.json").out.split())
     assert "Keep the file, or measure more or better postures" in text

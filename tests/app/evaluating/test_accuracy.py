@@ -22,12 +22,12 @@ def test_another_set_comes_from_the_choice_and_tells_what_a_solution_of_its_own_
     samples: Path,
 ) -> None:
     session = samples / "experiment_2_twelve.jsonl"
-    solved = solve_files([session])
+    result = solve_files([session])
     for subset in SUBSETS:
-        view, alone = solved.with_subset(subset), solve_files([session], subset=subset)
-        assert view.solution is solved.choice.solutions[subset]
+        view, alone = result.with_subset(subset), solve_files([session], subset=subset)
+        assert view.solution is result.choice.solutions[subset]
         assert paragraphs(*view_parts(view)) == paragraphs(*view_parts(alone))
-        assert view.corrections is solved.corrections
+        assert view.corrections is result.corrections
 
 
 @LONG

@@ -78,12 +78,12 @@ def sagging(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return hidden(tmp_path_factory.mktemp("sagging"), "two-station", sag)
 
 
-def left_mm(solved: SessionSolution) -> float:
+def left_mm(result: SessionSolution) -> float:
     """What the leaning machine is off by with the values entered, a shift free, r.m.s."""
     geometry = Geometry()
     along = np.eye(3)
     along[1] += [1e-3 * LEAN_MRAD, 0.0, 0.0]
-    points, entered = workspace_points(geometry), np.array(solved.correction.joint_offsets_mm)
+    points, entered = workspace_points(geometry), np.array(result.correction.joint_offsets_mm)
     lengths = np.array(geometry.leg_length_mm) + np.array(LENGTHS_MM)
     off = []
     for tool in points:
@@ -113,7 +113,7 @@ def test_the_bound_with_an_adopted_lean_holds(leaning: Path) -> None:
     assert left_mm(known) < known.correction.bound_mm
     assert known.correction.bound_mm == pytest.approx(plain.correction.bound_mm, rel=0.02)
     # with a turn free nothing is hidden any more
-    aligned = [solved.correction.off.bound_in("aligned") for solved in (plain, known)]
+    aligned = [result.correction.off.bound_in("aligned") for result in (plain, known)]
     assert aligned[1] == pytest.approx(aligned[0], rel=0.05)
 
 
@@ -121,8 +121,8 @@ def test_the_bound_with_an_adopted_lean_holds(leaning: Path) -> None:
 def test_the_model_is_what_the_posterior_expects(sagging: Path) -> None:
     path = adopted(sagging)
     model = read_model_file(path)
-    solved = solve_files([sagging], model=path)
-    posterior = solved.posterior
+    result = solve_files([sagging], model=path)
+    posterior = result.posterior
     stated = [model.parameters_mm[name] for name in JOINTS]
     # the same posterior about its own mean: a step of Gauss and Newton later
     assert stated == pytest.approx(posterior.mean[:3].tolist(), abs=0.01)
@@ -131,7 +131,7 @@ def test_the_model_is_what_the_posterior_expects(sagging: Path) -> None:
     assert size.standard_uncertainty is not None
     assert abs(size.value - 0.4) < 3.0 * size.standard_uncertainty
     diagnosed = diagnose_files([sagging], model=path)
-    assert diagnosed.tool.entered_mm["offsets"] == solved.correction.bound_mm
+    assert diagnosed.tool.entered_mm["offsets"] == result.correction.bound_mm
 
 
 def written(paths: list[Path]) -> tuple[Mapping[str, float], str]:
@@ -160,8 +160,8 @@ def test_a_table_of_a_short_wave_is_written_with_what_it_leaves(tmp_path: Path) 
         for name, value in (("sine_5mm", 20.0), ("cosine_5mm", 0.0))
     }
     wave = EffectEntry(id="actuator_cyclic", where="x", parameters=waves)
-    solved = solve_files([hidden(tmp_path, "sweep", wave)], holds="tables")
-    correction = solved.correction
+    result = solve_files([hidden(tmp_path, "sweep", wave)], holds="tables")
+    correction = result.correction
     assert any(effect.id == "actuator_cyclic" for effect in correction.model.effects)
     assert "table" not in " ".join(part.part for part in correction.left_out)
     # straight lines over 160 mm / 255 miss a sine of 20 µm by A (1 - cos(pi h / lead)) between

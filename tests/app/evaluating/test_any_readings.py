@@ -69,9 +69,9 @@ def check_answer(name: str, kept: list[bool], factor: float, outlier_mm: float) 
 
 
 def solution_of(session: Session) -> tuple[str, str]:
-    solved = solve_sessions([session])
-    return solution_text(solved), to_json(
-        SolutionReport.of(SolutionResults(solved, None, None, None))
+    result = solve_sessions([session])
+    return solution_text(result), to_json(
+        SolutionReport.of(SolutionResults(result, None, None, None))
     )
 
 

@@ -111,7 +111,7 @@ def test_a_round_plate_and_a_wrong_radius_are_rivals(tmp_path: Path, bow_mm: flo
         (size,) = effect.parameters
         assert size.value == pytest.approx(bow_mm, abs=0.03)
     trial = what_if([measured], "plate_bow:tz", [bow_mm])
-    assert trial.solved.solution.rms_after_mm < 0.1 * abs(bow_mm)
+    assert trial.result.solution.rms_after_mm < 0.1 * abs(bow_mm)
 
 
 @LONG

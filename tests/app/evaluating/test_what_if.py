@@ -51,7 +51,7 @@ def test_residuals_are_least_at_the_true_size(session: glidecal.Session) -> None
         glidecal.what_if(session, effect="backlash:all", size=mm, subset="joint-offsets")
         for mm in sizes
     ]
-    squares = [float(np.square(outcome.solved.solution.residual_mm).sum()) for outcome in outcomes]
+    squares = [float(np.square(outcome.result.solution.residual_mm).sum()) for outcome in outcomes]
     assert squares[0] == pytest.approx(float(np.square(plain.residual_mm).sum()))
     assert squares[2] == min(squares)
     assert squares[2] < 0.1 * squares[0]
@@ -115,7 +115,7 @@ def test_parameters_that_ignore_it_mislead_the_tool(session: glidecal.Session) -
         session, effect="actuator_scale:all", size=1e3 * share, subset=subset
     )
     entered = np.array(glidecal.solve(session, subset=subset).solution.values_mm)
-    true_mm = outcome.solved.solution.values_mm
+    true_mm = outcome.result.solution.values_mm
     zero = inverse(geometry, np.zeros((1, 3)))
     commanded = inverse(geometry, points) - entered
     carriage = commanded + true_mm + share * (commanded - zero)
@@ -129,7 +129,7 @@ def test_parameters_that_ignore_it_mislead_the_tool(session: glidecal.Session) -
 def test_the_figures_of_one_set_are_those_of_the_whole() -> None:
     trial = tried("backlash:all", "both")
     for mm in (0.0, 0.03, PLAY_MM):
-        alone, solution = trial.at([mm]).solution, trial.at([mm]).solved.solution
+        alone, solution = trial.at([mm]).solution, trial.at([mm]).result.solution
         assert (alone.values_mm == solution.values_mm).all()
         assert (alone.predicted_mm == solution.predicted_mm).all()
         assert alone.rms_after_mm == solution.rms_after_mm
@@ -162,16 +162,16 @@ def test_an_effect_of_the_model_is_held_in_place_of_being_fitted(
         path = tmp_path / f"{sizes}.json"
         model = trial.beside.model_copy(update={"effects": (entry,)})
         path.write_text(model.text(), encoding="utf-8")
-        solved = glidecal.solve(session, subset="both", model=path)
-        assert len(solved.solution.sizes) == sizes
-        assert solved.held == ((), ("backlash (all): play = +0.02 mm",))[1 - sizes]
+        result = glidecal.solve(session, subset="both", model=path)
+        assert len(result.solution.sizes) == sizes
+        assert result.held == ((), ("backlash (all): play = +0.02 mm",))[1 - sizes]
         outcome = glidecal.what_if(
             session, effect="backlash:all", size=0.02, subset="both", model=path
         )
         expected = trial.at([0.02]).solution.predicted_mm
-        assert outcome.solved.solution.predicted_mm.tolist() == expected.tolist()
-    assert solved.solution.predicted_mm.tolist() == expected.tolist()
-    assert "Held as a person stated it, not fitted: backlash" in "\n".join(caveats(solved))
+        assert outcome.result.solution.predicted_mm.tolist() == expected.tolist()
+    assert result.solution.predicted_mm.tolist() == expected.tolist()
+    assert "Held as a person stated it, not fitted: backlash" in "\n".join(caveats(result))
 
 
 @given(start=st.floats(-0.3, 0.3), steps=st.lists(st.sampled_from((-10, -1, 1, 10)), max_size=30))

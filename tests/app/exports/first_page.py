@@ -68,19 +68,19 @@ def shown_values(text: str) -> dict[str, float]:
     return {name: float(mm) for name, mm in re.findall(r"^ *(d_\w+) +([+-][\d.]+) ", text, re.M)}
 
 
-def written_values(solved: SessionSolution, folder: Path) -> dict[str, float]:
+def written_values(result: SessionSolution, folder: Path) -> dict[str, float]:
     """What E writes, from its JSON."""
-    paths = {path.name: path for path in export_offsets(solved, folder)}
+    paths = {path.name: path for path in export_offsets(result, folder)}
     parameters = json.loads(paths["offsets.json"].read_text())["parameters"]
     return {name: parameter["value"] for name, parameter in parameters.items()}
 
 
 def differences(path: Path, *, report: bool = True) -> list[str]:
     """Words for what differs between the first page, the files that E writes, and the report."""
-    solved = solve_files([path]).work_out()
-    page = glance_text(solved, None, (), 76, exports=True, measures=True)
+    result = solve_files([path]).work_out()
+    page = glance_text(result, None, (), 76, exports=True, measures=True)
     figures, messages = shown_values(page), list[str]()
-    values = written_values(solved, path.with_suffix(""))
+    values = written_values(result, path.with_suffix(""))
     if figures != {name: round(mm, 4) for name, mm in values.items()}:
         messages.append(f"shown {figures}, written {values}")
     bounds = re.findall(r"^(?:now|after) +([\d.]+) mm ", page, re.M)
@@ -124,9 +124,9 @@ USUAL_ANGLES = (210.0, 330.0, 90.0)
 
 def printer_differences(path: Path) -> list[str]:
     """The same for the values of a printer, to all digits that are shown."""
-    solved = solve_files([path]).work_out()
-    page = glance_text(solved, None, (), 76, exports=True, measures=True)
-    export_offsets(solved, path.with_suffix(""))
+    result = solve_files([path]).work_out()
+    page = glance_text(result, None, (), 76, exports=True, measures=True)
+    export_offsets(result, path.with_suffix(""))
     text = (path.with_suffix("") / "klipper.cfg").read_text()
     rows = [line.split() for line in page.splitlines()]
     towers = [row for row in rows if row[:1] and row[0] in ("tower", "a", "b", "c")]
@@ -135,7 +135,7 @@ def printer_differences(path: Path) -> list[str]:
     keys = ("position_endstop", "arm_length", "angle")
     by_key = [re.findall(rf"^{key}: ([\d.]+)", text, re.M) for key in keys]
     messages = []
-    arm_mm = solved.sessions[0].opened.machine.geometry().leg_length_mm
+    arm_mm = result.sessions[0].opened.machine.geometry().leg_length_mm
     pairs = zip(figures_of_towers, zip(*by_key, strict=True), strict=True)
     for tower, (figures, values) in enumerate(pairs):
         unchanged = [arm_mm[tower], USUAL_ANGLES[tower]]  # which the page leaves out

@@ -36,11 +36,11 @@ def csv_rows(path: Path) -> list[dict[str, str]]:
 
 def cautions_of(session: Path, kind: str) -> list[str]:
     """What a file of this kind says of its correction and of the readings, each as one line."""
-    solved = solve_files([session])
+    result = solve_files([session])
     holds: dict[str, Holds] = {"model": "kinematics", "linuxcnc": "tables"}
     absent = dict.fromkeys(("play", "table"), NOT_HOMED) if kind == "linuxcnc" else None
-    correction = solved.corrections.of(holds.get(kind, "offsets"), absent)
-    return [*correction_lines(solved, correction), *caveats(solved)]
+    correction = result.corrections.of(holds.get(kind, "offsets"), absent)
+    return [*correction_lines(result, correction), *caveats(result)]
 
 
 def in_file(path: Path, kind: str) -> str:
@@ -311,16 +311,16 @@ def test_weak_combinations_are_said_of_the_full_set(session: Path, tmp_path: Pat
 
 @LONG
 def test_uncertainties_of_a_set_are_those_of_solve(session: Path, tmp_path: Path) -> None:
-    solved = json.loads(glidecal("solve", session, *OFFSETS, "--json").out)
+    result = json.loads(glidecal("solve", session, *OFFSETS, "--json").out)
     for kind in ("json", "linuxcnc"):
         arguments = ("--format", kind, *OFFSETS, "-o", tmp_path / kind)
         assert glidecal("export", session, *arguments).status == 0
     document = json.loads((tmp_path / "json").read_text())
-    for number, (name, entry) in enumerate(solved["parameters"].items()):
+    for number, (name, entry) in enumerate(result["parameters"].items()):
         written = document["parameters"][name]
         for key in ("value", "standard_uncertainty", "expanded_uncertainty", "coverage_factor"):
             assert written[key] == entry[key]
-        larger = solved["expanded_with_lack_of_fit_mm"][name]
+        larger = result["expanded_with_lack_of_fit_mm"][name]
         assert written["expanded_with_lack_of_fit"] == larger > 10 * entry["expanded_uncertainty"]
         text = comments(tmp_path / "linuxcnc" / f"calib_joint{number}.inc")
         assert f"{name} is known to ±{larger:.3f} mm (95 %, residual" in text
@@ -330,10 +330,10 @@ def test_without_lack_of_fit_the_include_tells_the_plain_figure(
     samples: Path, tmp_path: Path
 ) -> None:
     session = samples / "simulated_zero-max-min.jsonl"
-    solved = json.loads(glidecal("solve", session, *OFFSETS, "--json").out)
+    result = json.loads(glidecal("solve", session, *OFFSETS, "--json").out)
     arguments = ("--format", "linuxcnc", *OFFSETS, "-o", tmp_path)
     assert glidecal("export", session, *arguments).status == 0
-    half = solved["parameters"]["d_rho_x"]["expanded_uncertainty"]
+    half = result["parameters"]["d_rho_x"]["expanded_uncertainty"]
     text = comments(tmp_path / "calib_joint0.inc")
     assert f"d_rho_x is known to ±{half:.4f} mm (95 %), u = " in text
 

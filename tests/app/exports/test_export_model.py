@@ -177,11 +177,11 @@ def test_adopting_states_fitted_offsets_and_none_that_nobody_fitted(tmp_path: Pa
     sessions = (tmp_path / "a.jsonl", tmp_path / "b.jsonl")
     assert glidecal("diagnose", sessions[0], "--adopt", model_of_one).status == 0
     assert glidecal("diagnose", *sessions, "--adopt", model_of_both).status == 0
-    solved = solve_files([sessions[0]], model=model_of_one)
+    result = solve_files([sessions[0]], model=model_of_one)
     stated = json.loads(model_of_one.read_text())["parameters_mm"]
-    expected = dict(zip(PARAMETER_NAMES, solved.posterior.mean.tolist(), strict=False))
+    expected = dict(zip(PARAMETER_NAMES, result.posterior.mean.tolist(), strict=False))
     assert stated == pytest.approx(expected, abs=1e-4)  # about a mean, not about the file
-    assert [size.name for size in solved.solution.sizes] == ["backlash x: play"]
+    assert [size.name for size in result.solution.sizes] == ["backlash x: play"]
     assert json.loads(model_of_both.read_text())["parameters_mm"] == {}
     (tmp_path / "m.ini").write_text(INI)
     export = ("export", model_of_both, "--format", "linuxcnc", "--ini", tmp_path / "m.ini")

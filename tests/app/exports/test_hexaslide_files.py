@@ -95,8 +95,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.savetxt(table, WANTED, fmt="%.17g", delimiter=",", header=HEADER, comments="")
     request = Request("pose-inverse", postures=16, seed=1)
     write_simulated(request, folder / "m.json", folder / "t.json", noise_mm=0.0)
-    solved = calibrate_file(folder / "m.json", None, 0.0)
-    write_files(folder / "out", calibrated_files(solved, table))
+    result = calibrate_file(folder / "m.json", None, 0.0)
+    write_files(folder / "out", calibrated_files(result, table))
     return folder
 
 
@@ -243,6 +243,6 @@ def test_solve_writes_them_and_says_why_not_for_genhexkins(files: Path, tmp_path
 def test_what_is_not_identifiable_stands_above_the_machine(tmp_path: Path) -> None:
     path = tmp_path / "m.json"
     write_simulated(Request("position", postures=30, seed=1), path, None)
-    solved: CalibratedMachine = calibrate_file(path, None, 0.0)
-    text = calibrated_files(solved, None)["machine.toml"]
+    result: CalibratedMachine = calibrate_file(path, None, 0.0)
+    text = calibrated_files(result, None)["machine.toml"]
     assert "# NOT IDENTIFIABLE, left as the machine file has it: platform frame turned" in text

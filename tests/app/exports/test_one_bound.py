@@ -80,11 +80,11 @@ def true_error_mm(folder: Path, entered: Model) -> float:
 @LONG
 @pytest.mark.parametrize("kind", first_quick(list(HOLDS)))
 def test_every_file_states_the_bound_of_what_it_holds(
-    folder: Path, solved: SessionSolution, tmp_path: Path, kind: str
+    folder: Path, result: SessionSolution, tmp_path: Path, kind: str
 ) -> None:
     """Nothing tells how the joints home, so files for joints have no tables."""
     absent = dict.fromkeys(("play", "table"), NOT_HOMED) if kind.startswith("linuxcnc") else None
-    correction = solved.corrections.of(HOLDS[kind], absent)
+    correction = result.corrections.of(HOLDS[kind], absent)
     true_mm = true_error_mm(folder, correction.model)
     files, err = written(folder, tmp_path / "out", kind)
     for text in (*files, err):

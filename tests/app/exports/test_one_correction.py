@@ -102,9 +102,9 @@ def test_every_number_that_is_shown_first_is_written(session: Path, tmp_path: Pa
     rows = csv.DictReader(line for line in lines if not line.startswith("#"))
     rounded = {name: round(value, 6) for name, value in values.items()}
     assert {row["parameter"]: float(row["value_mm"]) for row in rows} == rounded
-    solved = solved_for(session)
-    on_screen = glance_text(solved, None, (), 76, exports=True, measures=True)
-    for text in (solution_text(solved), on_screen):
+    result = solved_for(session)
+    on_screen = glance_text(result, None, (), 76, exports=True, measures=True)
+    for text in (solution_text(result), on_screen):
         assert shown_first(text) == {name: round(value, 4) for name, value in values.items()}
     report = report_of([session])
     (section,) = [s for s in report.sections if s.heading == "What to enter in the controller"]
@@ -241,23 +241,23 @@ def test_an_adopted_effect_is_in_the_correction_once(play: Path, tmp_path: Path)
 def test_a_set_that_is_asked_for_is_written_as_it_is_identified(tilt: Path, tmp_path: Path) -> None:
     """With its own bound, which is not smaller than that of the correction."""
     options = ("--subset", "joint-offsets")
-    solved = json.loads(glidecal("solve", tilt, *options, "--json").out)
+    result = json.loads(glidecal("solve", tilt, *options, "--json").out)
     out = exported(tilt, tmp_path / "o", *options, "--format", "json")
     document = json.loads(out.read_text())
-    for name, parameter in solved["parameters"].items():
+    for name, parameter in result["parameters"].items():
         assert document["parameters"][name]["value"] == parameter["value"]
     assert document["cautions"][1].startswith("NOTE: the set joint-offsets is written as")
     bound = re.search(r"at most ([\d.]+) mm with these values", document["cautions"][0])
     assert bound is not None
-    assert float(bound[1]) >= round(solved["correction"]["bound"]["touched_off_mm"], 3) - 5e-4
+    assert float(bound[1]) >= round(result["correction"]["bound"]["touched_off_mm"], 3) - 5e-4
 
 
 def test_sessions_of_one_machine_are_corrected_together(samples: Path) -> None:
     pair = [samples / f"simulated_zero-{order}.jsonl" for order in ("max-min", "min-max")]
-    solved = solve_files(pair)
-    assert [len(cells.means) > 0 for cells in solved.posterior.sessions] == [True, True]
+    result = solve_files(pair)
+    assert [len(cells.means) > 0 for cells in result.posterior.sessions] == [True, True]
     less_lengths_mm = (0.83, -1.27, 0.39)  # legs show d_rho - d_L
-    offsets_mm = solved.correction.model.parameters_mm[:3]
+    offsets_mm = result.correction.model.parameters_mm[:3]
     assert offsets_mm == pytest.approx(less_lengths_mm, abs=0.015)
 
 

@@ -34,14 +34,14 @@ def test_bars_and_plate_in_one_export(tmp_path: Path) -> None:
     """Readings of bars and of the tool: the values are those of the common solution."""
     sessions = simulated(tmp_path, "bars"), simulated(tmp_path, "plate-rings")
     exported = document("export", *sessions, "--format", "json", "-o", "-")
-    solved = document("solve", *sessions, "--json")
+    result = document("solve", *sessions, "--json")
     assert exported["source"] == "bars.jsonl, plate-rings.jsonl"
     for name in ("d_rho_x", "d_rho_y", "d_rho_z"):
-        expected = solved["correction"]["values"][name]
+        expected = result["correction"]["values"][name]
         parameter = exported["parameters"][name]
         for key in ("value", "standard_uncertainty", "expanded_uncertainty"):
             assert parameter[key] == pytest.approx(expected[key], abs=1e-12)
-    bound = solved["correction"]["bound"]["touched_off_mm"]
+    bound = result["correction"]["bound"]["touched_off_mm"]
     assert f"at most {bound:.4f} mm with these values" in exported["cautions"][0]
 
 

@@ -88,33 +88,33 @@ def test_the_same_seed_hides_the_same_effect(tmp_path: Path) -> None:
 def test_the_bench_measures_the_machine_with_its_effect(tmp_path: Path, effect: str) -> None:
     """Readings equal the simulation over the conditions of the record, to the display's step."""
     plan = plan_with(tmp_path, effect, "sweep")
-    observed = measured(plan)
+    observations = measured(plan)
     truth = hidden_machine(plan.machine.geometry(), plan.seed)
-    exact = replace(truth, effects=plan.bench.effects).readings(observed)
-    residual = observed.value_mm - exact
-    for mount in range(observed.mount_count):
-        assert np.ptp(residual[observed.mount == mount]) <= 0.0011
-    without = observed.value_mm - truth.readings(observed)
-    assert max(np.ptp(without[observed.mount == k]) for k in range(6)) > 0.01
+    exact = replace(truth, effects=plan.bench.effects).readings(observations)
+    residual = observations.value_mm - exact
+    for mount in range(observations.mount_count):
+        assert np.ptp(residual[observations.mount == mount]) <= 0.0011
+    without = observations.value_mm - truth.readings(observations)
+    assert max(np.ptp(without[observations.mount == k]) for k in range(6)) > 0.01
 
 
 def test_drift_of_the_bench_follows_the_recorded_times(tmp_path: Path) -> None:
     plan = plan_with(tmp_path, "thermal_drift")
-    observed = measured(plan)
+    observations = measured(plan)
     truth = hidden_machine(plan.machine.geometry(), plan.seed)
     rates = {
         effect.place: effect.values[0]
         for effect in plan.bench.effects
         if isinstance(effect, EffectInstance)
     }
-    residual = observed.value_mm - truth.readings(observed)
-    for mount in range(observed.mount_count):
-        rows = observed.mount == mount
-        slope = np.polyfit(observed.time_s[rows], residual[rows], 1)[0]
-        rate = float(np.real(rates.get("xyz"[observed.axis[rows][0]], 0.0)))
+    residual = observations.value_mm - truth.readings(observations)
+    for mount in range(observations.mount_count):
+        rows = observations.mount == mount
+        slope = np.polyfit(observations.time_s[rows], residual[rows], 1)[0]
+        rate = float(np.real(rates.get("xyz"[observations.axis[rows][0]], 0.0)))
         expected = rate * 1e-3 / 3600.0 * plan.bench.clock_rate
         # the display's step alone makes a slope of about step / duration
-        step = 0.001 / float(np.ptp(observed.time_s[rows]))
+        step = 0.001 / float(np.ptp(observations.time_s[rows]))
         assert slope == pytest.approx(expected, abs=0.35 * abs(expected) + step)
 
 
@@ -136,9 +136,9 @@ def test_demo_says_where_to_look(tmp_path: Path) -> None:
     assert "glidecal diagnose demo-sessions" in last
     # only the bound names an effect: what the readings leave open, as solve says of any session
     (session,) = (tmp_path / "demo-sessions").glob("*_demo.jsonl")
-    solved = glidecal("solve", session, "--subset", "joint-offsets").out
+    result = glidecal("solve", session, "--subset", "joint-offsets").out
     left_open = re.compile(r"up to \S+ mm if (?:(?!up to).)*, which these readings do not rule out")
-    words, alone = (" ".join(text.split()) for text in (run.out, solved))
+    words, alone = (" ".join(text.split()) for text in (run.out, result))
     assert left_open.findall(words) == left_open.findall(alone)
     assert "straightness" not in left_open.sub("", words)
     plain = glidecal("demo", "--headless", "--seed", "2", cwd=tmp_path)

@@ -124,15 +124,15 @@ def test_one_set_up_for_each_leg_and_what_was_off_is_found(tmp_path: Path) -> No
         (0.1, 60.0, True),
         (0.9, 60.0, True),
     ]
-    observed = to_observations([measured_session])
-    assert observed.along_mm[:3] == pytest.approx([31.025, 279.225, 91.025])
-    solved = solve_files([path], subset="joint-offsets")
+    observations = to_observations([measured_session])
+    assert observations.along_mm[:3] == pytest.approx([31.025, 279.225, 91.025])
+    result = solve_files([path], subset="joint-offsets")
     # bars are off too (OFF): what shows along z is the height of the feet less that of the tool
     exact = [height(OFF, 0, 2, 0.0, s) for s in (0.1, 0.9)]
-    assert float(observed.value_mm[1] - observed.value_mm[0]) == pytest.approx(
+    assert float(observations.value_mm[1] - observations.value_mm[0]) == pytest.approx(
         exact[1] - exact[0] + TILT * 248.0, abs=0.002
     )
-    assert solved.solution.values_mm[2] == pytest.approx(OFF[2] - OFF[5], abs=0.05)
+    assert result.solution.values_mm[2] == pytest.approx(OFF[2] - OFF[5], abs=0.05)
 
 
 def test_a_stand_that_was_not_slid_is_asked_about(tmp_path: Path) -> None:
@@ -177,8 +177,8 @@ def test_the_indicator_that_may_measure_across_the_plane_reads(tmp_path: Path) -
         over = [step for step in guided.steps if step.over_plane]
         assert {step.indicators for step in over} == {range(1, 2)}
     measured_session = fold(read_record(path).events)
-    observed = to_observations([measured_session])
-    assert set(observed.indicator[observed.over_plane].tolist()) == {1}
+    observations = to_observations([measured_session])
+    assert set(observations.indicator[observations.over_plane].tolist()) == {1}
     assert measured_session.complete
 
 

@@ -75,9 +75,9 @@ def test_a_certificate_has_two_pages_and_an_annex(
     html = html_of(report_of([session], head=head, tolerance_mm=0.1))
     pages = printed_pages(html)
     check_pages(pages, "Certificate 2026-0042")
-    solved = solve_files([session])
-    half_widths_mm = solved.corrections.half_widths_mm()
-    for leg, value_mm, half_mm in zip("xyz", solved.joint_offsets_mm, half_widths_mm, strict=True):
+    result = solve_files([session])
+    half_widths_mm = result.corrections.half_widths_mm()
+    for leg, value_mm, half_mm in zip("xyz", result.joint_offsets_mm, half_widths_mm, strict=True):
         assert f"d_rho_{leg} {signed(value_mm, 4)} mm {uncertain(half_mm, 4)}" in pages[0]
     for words in ("OG-0007", "Accreditation D-K-00000", "hall 3", "2026-11-25", "SIMULATED"):
         assert words in pages[0]
@@ -139,7 +139,7 @@ def test_a_report_works_out_one_posterior(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr("app.evaluating.correction.posterior", counted)
     calibration = calibration_of([SIXTY])
     shared, alone = calibration.diagnosed, diagnose_files([SIXTY])
-    assert shared.corrections.posterior is calibration.solved.posterior
+    assert shared.corrections.posterior is calibration.result.posterior
     assert len(posteriors) == 2, "of the report, and of the diagnosis beside it"
     assert shared.diagnosis.verdict == alone.diagnosis.verdict
     assert shared.diagnosis.sentence == alone.diagnosis.sentence
@@ -196,7 +196,7 @@ def test_several_sessions_are_verified_by_the_values_that_were_entered(tmp_path:
     calibration = calibration_of(paths[:2], after=paths[2])
     assert calibration.verified is not None
     stated = [offset.before_mm for offset in calibration.verified.offsets]
-    assert stated == pytest.approx(calibration.solved.joint_offsets_mm, abs=1e-12)
+    assert stated == pytest.approx(calibration.result.joint_offsets_mm, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -239,9 +239,9 @@ def number(real: dict[str, Any], *path: str) -> float:
 def test_another_library_reads_the_numbers_of_the_report(dcc: ModuleType, order: Path) -> None:
     head = "Calibration of a parallel kinematic machine"
     real = read_by_others(dcc, written(order, SIMULATED).encode())
-    solved = solve_files([SIMULATED])
-    half_widths_mm = solved.corrections.half_widths_mm()
-    for leg, value_mm, half_mm in zip("xyz", solved.joint_offsets_mm, half_widths_mm, strict=True):
+    result = solve_files([SIMULATED])
+    half_widths_mm = result.corrections.half_widths_mm()
+    for leg, value_mm, half_mm in zip("xyz", result.joint_offsets_mm, half_widths_mm, strict=True):
         offset = real[f"{head} Values to enter d_rho_{leg}"]
         assert number(offset, "value") == value_mm
         if "expandedUnc" in offset:
@@ -254,17 +254,17 @@ def test_another_library_reads_the_numbers_of_the_report(dcc: ModuleType, order:
             expanded = (ends[1] - ends[0]) / 2.0
         assert expanded == pytest.approx(half_mm, rel=1e-9)
     tool = f"{head} Error of the tool over the workspace touched off: a shift is free"
-    assert number(real[f"{tool}, as measured"], "value") == solved.correction.now_mm
+    assert number(real[f"{tool}, as measured"], "value") == result.correction.now_mm
     then = real[f"{tool}, with the values entered, predicted"]
-    assert number(then, "value") == solved.correction.bound_mm
+    assert number(then, "value") == result.correction.bound_mm
 
 
 def test_uncertainties_are_expanded_or_intervals(order: Path) -> None:
     """A mixture of models may have no coverage factor that D-SI takes: U below u, 95 %."""
     root = ElementTree.fromstring(written(order, SAMPLES / "simulated_two-station.jsonl"))
-    solved = solve_files([SAMPLES / "simulated_two-station.jsonl"])
-    standard_mm, expanded_mm = solved.corrections.uncertainties_mm()
-    view = solved.solution
+    result = solve_files([SAMPLES / "simulated_two-station.jsonl"])
+    standard_mm, expanded_mm = result.corrections.uncertainties_mm()
+    view = result.solution
     stated = [
         *zip(standard_mm.tolist(), expanded_mm.tolist(), strict=True),
         *zip(view.uncertainty_mm.tolist(), view.expanded_mm.tolist(), strict=True),

@@ -249,15 +249,15 @@ def spoilt(path: Path, output: Path, posture: int, off_mm: float) -> Path:
 def truly_off_mm(path: Path) -> float:
     """Truly at the platform with the machine that is exported, frames laid over."""
     session, _ = read_postures(path)
-    solved = calibrate_file(path, None, 0.0)
-    machine, entered = session.opened.machine.whole(), solved.found.machine
+    result = calibrate_file(path, None, 0.0)
+    machine, entered = session.opened.machine.whole(), result.found.machine
     truth = simulated_truth(session).whole()
     postures = machine.box.random(300, np.random.default_rng(9))
     sliders = inverse(machine.geometry, postures)
     stands, believed = (
         forward(hexaslide.geometry, sliders, hexaslide.box) for hexaslide in (truth, entered)
     )
-    free = solved.found.laid_over
+    free = result.found.laid_over
     return 1000.0 * frames_apart(np.asarray(believed), np.asarray(stands), free).places_rms_m
 
 
@@ -267,12 +267,12 @@ def test_a_wrong_posture_does_not_spoil_the_machine(procedure: str, tmp_path: Pa
     """1 mm in one of the postures: believed, it left 0.11 mm at the platform instead of 0.013."""
     sound = posture_session(tmp_path / "sound.jsonl", procedure, 4)
     wrong = spoilt(sound, tmp_path / "wrong.jsonl", 7, 1.0)
-    solved = calibrate_file(wrong, None, 0.0)
-    assert solved.left_out == (7,)
+    result = calibrate_file(wrong, None, 0.0)
+    assert result.left_out == (7,)
     assert calibrate_file(sound, None, 0.0).left_out == ()
     assert truly_off_mm(wrong) < 1.5 * truly_off_mm(sound)
-    assert solved.platform.bound_m is not None
-    assert truly_off_mm(wrong) < 1000.0 * solved.platform.bound_m < 0.03
+    assert result.platform.bound_m is not None
+    assert truly_off_mm(wrong) < 1000.0 * result.platform.bound_m < 0.03
     text = words(html_of(source_of_postures(wrong).page()))
     assert "LEFT OUT: posture 7. The diagnosis names a mistake there." in text
     assert "posture 7 read or taken wrong" in text

@@ -127,8 +127,8 @@ def _pictures(section: Section) -> list[Picture]:
 
 def test_the_budget_adds_up_to_what_is_stated(experiment: CalibrationReport) -> None:
     (of_values,) = _tables(_section(experiment, BUDGET))
-    solved = solve_files([EXPERIMENT])
-    stated = zip(solved.solution.names, solved.solution.expanded_with_tolerances_mm, strict=True)
+    result = solve_files([EXPERIMENT])
+    stated = zip(result.solution.names, result.solution.expanded_with_tolerances_mm, strict=True)
     for row, (name, expanded_mm) in zip(_cells(of_values), stated, strict=True):
         assert row[0] == name
         scatter, steps, parts, together, residual = map(float, row[1:])
@@ -141,9 +141,9 @@ def test_the_shares_of_the_budget_add_up(experiment: CalibrationReport) -> None:
     """Each beside the table: r.m.s. over the parameters, their squares up to the whole."""
     (picture,) = _pictures(_section(experiment, BUDGET))
     words = {"".join(element.itertext()) for element in ElementTree.fromstring(picture.svg).iter()}
-    solved = solve_files([EXPERIMENT])
-    shares, sources = solved.budget, solved.solution.budget_mm
-    together_mm2 = (solved.solution.expanded_with_tolerances_mm**2).mean()
+    result = solve_files([EXPERIMENT])
+    shares, sources = result.budget, result.solution.budget_mm
+    together_mm2 = (result.solution.expanded_with_tolerances_mm**2).mean()
     total_mm2 = 0.0
     for share in shares:
         assert share.source in words
@@ -263,11 +263,11 @@ def test_a_name_stands_in_the_evidence(tmp_path: Path) -> None:
 @LONG
 def test_the_decision_rule_stands_with_the_decision() -> None:
     """A tolerance below the bound with the values, and far below what is expected now."""
-    solved = solve_files([SIMULATED])
-    tolerance_mm = 0.9 * solved.correction.bound_mm
+    result = solve_files([SIMULATED])
+    tolerance_mm = 0.9 * result.correction.bound_mm
     report = report_of([SIMULATED], tolerance_mm=tolerance_mm)
     assert report.decision.startswith("UNDECIDED with these values entered, FAIL now")
-    judged = judge(solved, tolerance_mm)
+    judged = judge(result, tolerance_mm)
     assert (judged.after, judged.before) == ("undecided", "fail")
     with_rule = Page(html_of(report)).text
     assert "Decision rule (ISO 14253-1)" in with_rule

@@ -51,14 +51,14 @@ def case(
     )
 
 
-def with_readings(session: SessionCase, observed: Observations) -> SessionCase:
+def with_readings(session: SessionCase, observations: Observations) -> SessionCase:
     """The same machine with other readings."""
-    return replace(session, observed=observed)
+    return replace(session, observations=observations)
 
 
 def with_values(session: SessionCase, value_mm: FloatArray) -> SessionCase:
     """The same postures with other values ``(n,)``."""
-    return with_readings(session, replace(session.observed, value_mm=value_mm))
+    return with_readings(session, replace(session.observations, value_mm=value_mm))
 
 
 def names(diagnosis: Diagnosis) -> list[tuple[str, str]]:

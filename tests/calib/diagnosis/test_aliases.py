@@ -10,8 +10,8 @@ from tests.calib.diagnosis.diagnosed_sessions import SHORT, TWO_STATION
 
 def test_aliases_need_no_data() -> None:
     short, long = (
-        alias_map(Model(parameters_mm=(1.0, -0.8, 0.6, 0.03, -0.02, 0.01)), observed, CATALOGUE)
-        for observed in (SHORT, TWO_STATION)
+        alias_map(Model(parameters_mm=(1.0, -0.8, 0.6, 0.03, -0.02, 0.01)), observations, CATALOGUE)
+        for observations in (SHORT, TWO_STATION)
     )
     assert len(short.imitations) > len(long.imitations)
     assert any(alias.left_in_noise_variances < 9.0 for alias in short.imitations)

@@ -94,7 +94,7 @@ def test_a_rival_of_the_same_name_is_told_by_its_place() -> None:
 def test_a_law_that_leaves_more_than_there_was_is_not_stated() -> None:
     """An indicator whose sign is reversed on two legs: no law of travel explains that."""
     session = case(SHORT, seed=2)
-    observed = session.observed
-    reversed_mm = np.where(observed.axis == 2, -observed.value_mm, observed.value_mm)
+    observations = session.observations
+    reversed_mm = np.where(observations.axis == 2, -observations.value_mm, observations.value_mm)
     law = diagnose([with_values(session, reversed_mm)], CATALOGUE).left_over
     assert law is None or law.gap_rms_after_mm < law.gap_rms_before_mm

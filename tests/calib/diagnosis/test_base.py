@@ -35,7 +35,7 @@ Triple = tuple[float, float, float]
 
 
 def session(
-    observed: Observations,
+    observations: Observations,
     lengths_mm: Triple,
     *effects: EffectInstance,
     offsets_mm: Triple = USUAL,
@@ -43,9 +43,9 @@ def session(
 ) -> SessionCase:
     """Of a machine with these bars, noise 2 µm."""
     truth = Model(parameters_mm=(*offsets_mm, *lengths_mm), effects=effects)
-    value = measure(truth, observed, scatter_mm=0.002, resolution_mm=0.0, generator=seed)
+    value = measure(truth, observations, scatter_mm=0.002, resolution_mm=0.0, generator=seed)
     figures = IndicatorFigures(repeatability_mm=0.002)
-    return SessionCase(Model(), observe(observed, value), figures, TOLERANCE_MM)
+    return SessionCase(Model(), observe(observations, value), figures, TOLERANCE_MM)
 
 
 def test_with_bars_of_their_tolerance_nothing_is_missing() -> None:
@@ -83,8 +83,8 @@ def test_published_gaps_are_not_closed_by_bars_of_metres(
 
 @pytest.mark.parametrize("seed", first_quick(range(4)))
 def test_bars_off_by_three_tolerances_make_no_other_name(seed: int) -> None:
-    for observed in (SWEEP, TWO_STATION):
-        diagnosis = diagnose([session(observed, (0.3, -0.3, 0.3), seed=seed)], CATALOGUE)
+    for observations in (SWEEP, TWO_STATION):
+        diagnosis = diagnose([session(observations, (0.3, -0.3, 0.3), seed=seed)], CATALOGUE)
         assert {name for name, _ in names(diagnosis)} <= {"leg_length"}
 
 
@@ -149,12 +149,12 @@ def test_one_posture_tells_nothing() -> None:
     assert any("measure others too" in remark for remark in diagnosis.remarks)
 
 
-def driven_again(observed: Observations, times: int) -> Observations:
+def driven_again(observations: Observations, times: int) -> Observations:
     """The same session, every cycle of it driven so many times."""
-    many = observed.take(np.tile(np.arange(len(observed)), times))
-    turn = np.repeat(np.arange(times), len(observed))
-    later = turn * (observed.time_s.max() + 20.0)
-    cycle = many.cycle + turn * observed.cycle.max()
+    many = observations.take(np.tile(np.arange(len(observations)), times))
+    turn = np.repeat(np.arange(times), len(observations))
+    later = turn * (observations.time_s.max() + 20.0)
+    cycle = many.cycle + turn * observations.cycle.max()
     many = replace(many, cycle=cycle, time_s=many.time_s + later)
     return many.take(np.argsort(many.mount, kind="stable"))
 

@@ -124,8 +124,8 @@ def test_equal_weights_keep_the_order_of_names() -> None:
 def test_claims_of_a_posterior_are_its_models_read_one_by_one() -> None:
     """With a mistake among the names, and a law without a name on one side."""
     session = case(SHORT, EffectInstance(LAWS["backlash"], "z", (0.02,)), seed=5)
-    value = session.observed.value_mm
-    value[(session.observed.leg == 0) & (session.observed.axis == 1)] *= -1.0
+    value = session.observations.value_mm
+    value[(session.observations.leg == 0) & (session.observations.axis == 1)] *= -1.0
     models = posterior([session])
     claims = Claims.of(models)
     assert sum(claims.weights.values()) == pytest.approx(1.0)

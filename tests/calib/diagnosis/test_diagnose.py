@@ -31,8 +31,10 @@ from tests.conftest import LONG, first_quick
 
 @LONG
 @pytest.mark.parametrize("observed", first_quick([SHORT, SWEEP, TWO_STATION]))
-def test_nothing_missing_agrees_and_says_what_would_have_been_seen(observed: Observations) -> None:
-    verdicts = [diagnose([case(observed, seed=seed)], CATALOGUE) for seed in range(6)]
+def test_nothing_missing_agrees_and_says_what_would_have_been_seen(
+    observations: Observations,
+) -> None:
+    verdicts = [diagnose([case(observations, seed=seed)], CATALOGUE) for seed in range(6)]
     assert sum(diagnosis.verdict == "agrees" for diagnosis in verdicts) >= 5
     quiet = next(diagnosis for diagnosis in verdicts if diagnosis.verdict == "agrees")
     assert quiet.effects == ()
@@ -153,9 +155,11 @@ def test_without_repeats_and_noise_nothing_is_judged() -> None:
 def test_blunders_are_named_and_the_data_left_alone(change: object, name: str, where: str) -> None:
     assert callable(change)
     session = case(SWEEP, seed=4)
-    wrong = replace(session.observed, value_mm=change(session.observed.value_mm, session.observed))
+    wrong = replace(
+        session.observations, value_mm=change(session.observations.value_mm, session.observations)
+    )
     before = wrong.value_mm.copy()
-    diagnosis = diagnose([replace(session, observed=wrong)], CATALOGUE)
+    diagnosis = diagnose([replace(session, observations=wrong)], CATALOGUE)
     assert (diagnosis.effects[0].id, diagnosis.effects[0].where) == (name, where)
     assert diagnosis.effects[0].gap_rms_after_mm < 0.1 * diagnosis.effects[0].gap_rms_before_mm
     assert np.array_equal(wrong.value_mm, before)

@@ -102,15 +102,15 @@ def test_adopted_it_is_gone_and_the_model_agrees() -> None:
 
 @LONG
 @pytest.mark.parametrize("observed", [SWEEP, TWO_STATION])
-def test_noise_has_no_law(observed: Observations) -> None:
+def test_noise_has_no_law(observations: Observations) -> None:
     for seed in range(4):
-        assert diagnose([case(observed, seed=seed)], []).left_over is None
+        assert diagnose([case(observations, seed=seed)], []).left_over is None
 
 
 def test_what_follows_no_law_is_said_to_follow_none() -> None:
     session = case(SWEEP, seed=2)
-    value = session.observed.value_mm.copy()
-    keys = list(zip(session.observed.mount, session.observed.displacement_mm, strict=True))
+    value = session.observations.value_mm.copy()
+    keys = list(zip(session.observations.mount, session.observations.displacement_mm, strict=True))
     off_mm = {key: np.random.default_rng(abs(hash(key)) % 1000).normal(0, 0.02) for key in keys}
     value += np.array([off_mm[key] for key in keys])
     rough = with_values(session, value)

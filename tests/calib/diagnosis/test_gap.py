@@ -43,11 +43,11 @@ def left_by_the_true_effect_mm(cells: Cells, effect: EffectInstance) -> float:
 @LONG
 @pytest.mark.parametrize("observed", [SWEEP, TWO_STATION])
 def test_readings_left_out_are_predicted_as_well_as_by_the_true_effect(
-    observed: Observations,
+    observations: Observations,
 ) -> None:
     """Axes out of square pull the offsets of a fit without them 3 mm away: that must not hold."""
     effect = EffectInstance(LAWS["axis_squareness"], "xy", (2.0,))
-    session = case(observed, effect, seed=4)
+    session = case(observations, effect, seed=4)
     diagnosis = diagnose([session], CATALOGUE)
     assert [(claim.id, claim.where) for claim in diagnosis.effects] == [("axis_squareness", "xy")]
     assert diagnosis.held_out is not None

@@ -83,10 +83,10 @@ class Refit:
 @pytest.mark.parametrize("observed", first_quick([SHORT, SWEEP]), ids=["short", "sweep"])
 @pytest.mark.parametrize("sessions", [1, 2])
 def test_what_is_missed_is_that_of_a_refit_without_the_rows(
-    observed: Observations, sessions: int
+    observations: Observations, sessions: int
 ) -> None:
     effect = EffectInstance(LAWS["axis_squareness"], "xy", (0.8,))
-    result = posterior([case(observed, effect, seed=3 + k) for k in range(sessions)])
+    result = posterior([case(observations, effect, seed=3 + k) for k in range(sessions)])
     assert result.linear.rows.excess == 0.0
     names = [k for k, component in enumerate(result.components) if component.kind in NAMES]
     models: list[Model] = [((k, scale),) for k in names for scale in SCALES]

@@ -72,11 +72,11 @@ def dense(
 @pytest.mark.parametrize("observed", [SHORT, SWEEP, TWO_STATION])
 @pytest.mark.parametrize("in_model", [False, True])
 def test_a_gap_is_that_of_dense_least_squares(
-    observed: Observations, sessions: int, in_model: bool
+    observations: Observations, sessions: int, in_model: bool
 ) -> None:
     """Without a name and with the true effect in the model."""
     play = EffectInstance(LAWS["backlash"], "y", (0.02,))
-    cells = [Cells.of(case(observed, play, seed=seed)) for seed in range(sessions)]
+    cells = [Cells.of(case(observations, play, seed=seed)) for seed in range(sessions)]
     assert all(not cell.serial for cell in cells)
     effects = (play,) if in_model else ()
     leftover = Leftover.of(cells, effects)
@@ -125,8 +125,8 @@ def test_chance_of_a_gap() -> None:
 
     figures = IndicatorFigures(repeatability_mm=0.002)
     full = case(SHORT, seed=2)
-    once = full.observed.take(full.observed.cycle == 1)
-    stated = replace(full, observed=once, indicator=figures)
+    once = full.observations.take(full.observations.cycle == 1)
+    stated = replace(full, observations=once, indicator=figures)
     certain = Leftover.of([Cells.of(stated)])
     assert math.isinf(certain.noise_freedom)
     assert certain.p_value(100.0, 10) == pytest.approx(chi2.sf(100.0, 10))

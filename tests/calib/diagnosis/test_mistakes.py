@@ -34,71 +34,71 @@ SCATTER_MM = 0.002
 SINGLE = ("wild_reading", "label_error")
 
 
-def approached(observed: Observations) -> Observations:
+def approached(observations: Observations) -> Observations:
     """Approaches as the labels tell them, by a loop of its own."""
-    approach = np.zeros(len(observed))
+    approach = np.zeros(len(observations))
     before: dict[int, tuple[float, float]] = {}
     for row, (mount, level) in enumerate(
-        zip(observed.mount.tolist(), observed.displacement_mm.tolist(), strict=True)
+        zip(observations.mount.tolist(), observations.displacement_mm.tolist(), strict=True)
     ):
         last, sign = before.get(mount, (level, 0.0))
         sign = float(np.sign(level - last)) or sign
         before[mount] = level, sign
         approach[row] = sign
-    return replace(observed, approach=approach)
+    return replace(observations, approach=approach)
 
 
-def rows_of(observed: Observations, mount: int) -> IntArray:
-    return np.flatnonzero(observed.mount == mount)
+def rows_of(observations: Observations, mount: int) -> IntArray:
+    return np.flatnonzero(observations.mount == mount)
 
 
-def rows_at(observed: Observations, mount: int, level_mm: float) -> IntArray:
-    there = (observed.mount == mount) & (observed.displacement_mm == level_mm)
+def rows_at(observations: Observations, mount: int, level_mm: float) -> IntArray:
+    there = (observations.mount == mount) & (observations.displacement_mm == level_mm)
     return np.flatnonzero(there)
 
 
-def shifted(observed: Observations, rows: IntArray, by_mm: float) -> Observations:
-    value = observed.value_mm.copy()
+def shifted(observations: Observations, rows: IntArray, by_mm: float) -> Observations:
+    value = observations.value_mm.copy()
     value[rows] += by_mm
-    return replace(observed, value_mm=value)
+    return replace(observations, value_mm=value)
 
 
-def reading(observed: Observations, row: int, value_mm: float) -> Observations:
-    value = observed.value_mm.copy()
+def reading(observations: Observations, row: int, value_mm: float) -> Observations:
+    value = observations.value_mm.copy()
     value[row] = value_mm
-    return replace(observed, value_mm=value)
+    return replace(observations, value_mm=value)
 
 
 def posture_put_at(
-    observed: Observations, mount: int, level_mm: float, value_mm: float
+    observations: Observations, mount: int, level_mm: float, value_mm: float
 ) -> Observations:
     """All readings of one posture shifted alike, as an effect may: their median is there."""
-    rows = rows_at(observed, mount, level_mm)
-    return shifted(observed, rows, value_mm - float(np.median(observed.value_mm[rows])))
+    rows = rows_at(observations, mount, level_mm)
+    return shifted(observations, rows, value_mm - float(np.median(observations.value_mm[rows])))
 
 
-def under_level(observed: Observations, row: int, level_mm: float) -> Observations:
-    levels = observed.displacement_mm.copy()
+def under_level(observations: Observations, row: int, level_mm: float) -> Observations:
+    levels = observations.displacement_mm.copy()
     levels[row] = level_mm
-    return approached(replace(observed, displacement_mm=levels))
+    return approached(replace(observations, displacement_mm=levels))
 
 
-def under_mount(observed: Observations, row: int, mount: int) -> Observations:
+def under_mount(observations: Observations, row: int, mount: int) -> Observations:
     """A reading that was written down in the table of another indicator."""
-    partner = rows_of(observed, mount)[0]
+    partner = rows_of(observations, mount)[0]
     moved = {}
     for name in ("leg", "axis", "station", "mount"):
-        moved[name] = getattr(observed, name).copy()
+        moved[name] = getattr(observations, name).copy()
         moved[name][row] = moved[name][partner]
-    return approached(replace(observed, **moved))
+    return approached(replace(observations, **moved))
 
 
-def place_of(observed: Observations, row: int) -> str:
-    return "xyz"[observed.leg[row]] + "xyz"[observed.axis[row]]
+def place_of(observations: Observations, row: int) -> str:
+    return "xyz"[observations.leg[row]] + "xyz"[observations.axis[row]]
 
 
-def diagnosed(session: SessionCase, observed: Observations) -> Diagnosis:
-    return diagnose([with_readings(session, observed)], CATALOGUE)
+def diagnosed(session: SessionCase, observations: Observations) -> Diagnosis:
+    return diagnose([with_readings(session, observations)], CATALOGUE)
 
 
 def noise_mm(session: SessionCase) -> float:
@@ -142,22 +142,22 @@ def test_a_slip_is_no_drift_and_no_wild_reading(
 ) -> None:
     """Before the third reading, or between two cycles, repeats of one approach cannot tell."""
     session = case(conditions, seed=first)
-    observed = session.observed
-    rows = rows_of(observed, 3)
-    diagnosis = diagnosed(session, shifted(observed, rows[first:], by_mm))
+    observations = session.observations
+    rows = rows_of(observations, 3)
+    diagnosis = diagnosed(session, shifted(observations, rows[first:], by_mm))
     slip = the_mistake(diagnosis)
-    assert (slip.id, slip.where) == ("stand_slip", place_of(observed, rows[first]))
-    assert f"before the reading at {observed.posture_words(rows[first])}" in slip.title
+    assert (slip.id, slip.where) == ("stand_slip", place_of(observations, rows[first]))
+    assert f"before the reading at {observations.posture_words(rows[first])}" in slip.title
     slipped = np.flatnonzero(cleaned(diagnosis).slips)
     assert slipped.tolist() == rows[first:].tolist()
-    assert np.unique(cleaned(diagnosis).observed.mount[rows]).size == 2
+    assert np.unique(cleaned(diagnosis).observations.mount[rows]).size == 2
 
 
 @LONG
 @pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_slip_drift_and_wild_readings_are_told_apart(seed: int) -> None:
     session = case(SWEEP, seed=seed)
-    clean = session.observed
+    clean = session.observations
     rows = rows_of(clean, 2)
     slip = diagnosed(session, shifted(clean, rows[9:], 0.05))
     assert "stand_slip" in {mistake.id for mistake in mistakes(slip)}
@@ -182,57 +182,59 @@ def test_a_steady_drift_is_no_slip_whatever_the_play(
     for seed in range(sessions):
         effects = (EffectInstance(LAWS["backlash"], "y", (play_mm,)),) if play_mm else ()
         session = case(conditions, *effects, seed=seed)
-        observed = session.observed
-        drift = 0.05 * (observed.time_s - observed.time_s[0]) / 3600.0
-        diagnosis = diagnose([with_values(session, observed.value_mm + size * drift)], CATALOGUE)
+        observations = session.observations
+        drift = 0.05 * (observations.time_s - observations.time_s[0]) / 3600.0
+        diagnosis = diagnose(
+            [with_values(session, observations.value_mm + size * drift)], CATALOGUE
+        )
         assert "stand_slip" not in {mistake.id for mistake in mistakes(diagnosis)}
 
 
 def test_a_wrong_label_that_leaves_no_repeat() -> None:
     """+41 mm is never approached from below; the reading stands alone and its neighbour turns."""
     session = case(SWEEP, seed=2)
-    observed = session.observed
-    row = int(rows_of(observed, 2)[9])
-    assert observed.displacement_mm[row] == -71.0
-    diagnosis = diagnosed(session, under_level(observed, row, 41.0))
+    observations = session.observations
+    row = int(rows_of(observations, 2)[9])
+    assert observations.displacement_mm[row] == -71.0
+    diagnosis = diagnosed(session, under_level(observations, row, 41.0))
     mistake = the_mistake(diagnosis)
     assert (mistake.id, mistake.where) == ("label_error", "yx")
     assert mistake.title == "one reading is wrong, at +41 mm, cycle 1; it fits -71 mm"
-    assert left_out(diagnosis, len(observed)) == [row]
+    assert left_out(diagnosis, len(observations)) == [row]
 
 
 @LONG
 def test_two_readings_under_one_label_and_the_wrong_one_is_told() -> None:
     """Zero written down as +60 mm: both stand beside each other, repeats of one approach."""
     session = case(SHORT, seed=2)
-    row = int(rows_of(session.observed, 1)[0])
-    diagnosis = diagnosed(session, under_level(session.observed, row, 60.0))
+    row = int(rows_of(session.observations, 1)[0])
+    diagnosis = diagnosed(session, under_level(session.observations, row, 60.0))
     mistake = the_mistake(diagnosis)
     assert mistake.title == "one reading is wrong, at +60 mm, cycle 1; it fits Zero"
-    assert left_out(diagnosis, len(session.observed)) == [row]
+    assert left_out(diagnosis, len(session.observations)) == [row]
 
 
 @LONG
 @pytest.mark.parametrize("conditions", first_quick([SHORT, SWEEP]))
 def test_a_reading_under_the_other_leg(conditions: Observations) -> None:
     session = case(conditions, seed=3)
-    observed = session.observed
-    row = int(rows_of(observed, 0)[2])
-    mount = int(observed.mount[(observed.leg == 2) & (observed.axis == 1)][0])
-    diagnosis = diagnosed(session, under_mount(observed, row, mount))
+    observations = session.observations
+    row = int(rows_of(observations, 0)[2])
+    mount = int(observations.mount[(observations.leg == 2) & (observations.axis == 1)][0])
+    diagnosis = diagnosed(session, under_mount(observations, row, mount))
     mistake = the_mistake(diagnosis)
     assert (mistake.id, mistake.where) == ("label_error", "zy")
     assert mistake.title.endswith("it fits leg X")
-    assert left_out(diagnosis, len(observed)) == [row]
+    assert left_out(diagnosis, len(observations)) == [row]
 
 
 @LONG
 def test_a_wrong_label_beside_a_drift() -> None:
     session = case(SHORT, EffectInstance(LAWS["thermal_drift"], "x", (400.0,)), seed=4)
-    observed = session.observed
-    mount = int(observed.mount[(observed.leg == 1) & (observed.axis == 0)][0])
-    row = int(rows_of(observed, mount)[2])
-    mistake = the_mistake(diagnosed(session, under_level(observed, row, 0.0)))
+    observations = session.observations
+    mount = int(observations.mount[(observations.leg == 1) & (observations.axis == 0)][0])
+    row = int(rows_of(observations, mount)[2])
+    mistake = the_mistake(diagnosed(session, under_level(observations, row, 0.0)))
     assert (mistake.id, mistake.where) == ("label_error", "yx")
     assert mistake.title.endswith("it fits -100 mm")
 
@@ -240,11 +242,11 @@ def test_a_wrong_label_beside_a_drift() -> None:
 def test_of_two_repeats_the_other_postures_tell_which_is_wild() -> None:
     """+60 mm is read twice; a law that goes through all others goes through one of the two."""
     session = case(SWEEP, seed=5)
-    rows = rows_of(session.observed, 4)[[2, 13]]
-    assert session.observed.displacement_mm[rows].tolist() == [60.0, 60.0]
-    diagnosis = diagnosed(session, shifted(session.observed, rows[:1], 0.1))
+    rows = rows_of(session.observations, 4)[[2, 13]]
+    assert session.observations.displacement_mm[rows].tolist() == [60.0, 60.0]
+    diagnosis = diagnosed(session, shifted(session.observations, rows[:1], 0.1))
     assert the_mistake(diagnosis).id == "wild_reading"
-    assert left_out(diagnosis, len(session.observed)) == rows[:1].tolist()
+    assert left_out(diagnosis, len(session.observations)) == rows[:1].tolist()
 
 
 @LONG
@@ -255,18 +257,18 @@ def test_of_two_repeats_the_other_postures_tell_which_is_wild() -> None:
 def test_at_either_end_a_reading_that_stands_apart_is_left_out(end: int, ids: set[str]) -> None:
     """A stand that moved before the last one, or after the first, would leave the same readings."""
     session = case(SWEEP, seed=6)
-    row = rows_of(session.observed, 1)[[end]]
-    diagnosis = diagnosed(session, shifted(session.observed, row, 0.1))
+    row = rows_of(session.observations, 1)[[end]]
+    diagnosis = diagnosed(session, shifted(session.observations, row, 0.1))
     assert {name for name, _ in possible(diagnosis)} == ids
-    assert {*row.tolist()} <= {*left_out(diagnosis, len(session.observed))}  # both of the stand
+    assert {*row.tolist()} <= {*left_out(diagnosis, len(session.observations))}  # both of the stand
 
 
 def test_a_flicker_of_the_display_is_no_wild_reading() -> None:
     session = case(SHORT, seed=7, scatter_mm=1e-9)
-    row = rows_of(session.observed, 1)[[4]]
-    steps = np.round(session.observed.value_mm / 0.001) * 0.001
+    row = rows_of(session.observations, 1)[[4]]
+    steps = np.round(session.observations.value_mm / 0.001) * 0.001
     flickering = with_values(session, steps)
-    flickering = with_readings(session, shifted(flickering.observed, row, 0.002))
+    flickering = with_readings(session, shifted(flickering.observations, row, 0.002))
     stepped = replace(flickering, indicator=IndicatorFigures(0.001))
     diagnosis = diagnose([stepped], CATALOGUE)
     assert (single(diagnosis), diagnosis.verdict) == ([], "agrees")
@@ -275,35 +277,35 @@ def test_a_flicker_of_the_display_is_no_wild_reading() -> None:
 @pytest.mark.parametrize("factor", first_quick([25.4, 1.0 / 25.4]))
 def test_readings_in_inches_bring_their_scatter_with_them(factor: float) -> None:
     session = case(SWEEP, EffectInstance(LAWS["gauge_gain"], "xy", (1.0,)), seed=8)
-    observed = session.observed
-    rows = rows_of(observed, 3)
-    value = observed.value_mm.copy()
+    observations = session.observations
+    rows = rows_of(observations, 3)
+    value = observations.value_mm.copy()
     value[rows] *= factor
     diagnosis = diagnose([with_values(session, value)], CATALOGUE)
     mistake = the_mistake(diagnosis)
-    assert (mistake.id, mistake.where) == ("unit_mixup", place_of(observed, rows[0]))
-    assert np.allclose(cleaned(diagnosis).observed.value_mm, observed.value_mm)
+    assert (mistake.id, mistake.where) == ("unit_mixup", place_of(observations, rows[0]))
+    assert np.allclose(cleaned(diagnosis).observations.value_mm, observations.value_mm)
 
 
 def exchanged(session: SessionCase, first: IntArray, second: IntArray) -> SessionCase:
-    value = session.observed.value_mm.copy()
+    value = session.observations.value_mm.copy()
     value[first], value[second] = value[second], value[first].copy()
     return with_values(session, value)
 
 
-def read_along(observed: Observations, leg: int, axis: int) -> IntArray:
-    return np.flatnonzero((observed.leg == leg) & (observed.axis == axis))
+def read_along(observations: Observations, leg: int, axis: int) -> IntArray:
+    return np.flatnonzero((observations.leg == leg) & (observations.axis == axis))
 
 
 @LONG
 @pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_indicators_swapped_at_one_station_only(seed: int) -> None:
     session = case(TWO_STATION, seed=seed)
-    observed = session.observed
-    station = float(np.unique(observed.station)[seed % 2])
+    observations = session.observations
+    station = float(np.unique(observations.station)[seed % 2])
     first, second = (
-        rows[observed.station[rows] == station]
-        for rows in (read_along(observed, 1, 0), read_along(observed, 1, 2))
+        rows[observations.station[rows] == station]
+        for rows in (read_along(observations, 1, 0), read_along(observations, 1, 2))
     )
     diagnosis = diagnose([exchanged(session, first, second)], CATALOGUE)
     assert names(diagnosis) == [("gauge_swap", "y")]
@@ -315,7 +317,7 @@ def test_indicators_swapped_at_one_station_only(seed: int) -> None:
 @pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_indicators_swapped_at_all_stations_are_one_mistake(seed: int) -> None:
     session = case(TWO_STATION, seed=seed)
-    first, second = (read_along(session.observed, 2, axis) for axis in (0, 1))
+    first, second = (read_along(session.observations, 2, axis) for axis in (0, 1))
     mistake = the_mistake(diagnose([exchanged(session, first, second)], CATALOGUE))
     assert (mistake.id, mistake.where) == ("gauge_swap", "z")
     assert mistake.title == "indicators exchanged"
@@ -325,7 +327,7 @@ def test_indicators_swapped_at_all_stations_are_one_mistake(seed: int) -> None:
 @pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_swapped_indicators_beside_a_strong_effect(seed: int) -> None:
     session = case(SWEEP, EffectInstance(LAWS["axis_offset"], "xy", (0.6,)), seed=seed)
-    first, second = (read_along(session.observed, 1, axis) for axis in (0, 2))
+    first, second = (read_along(session.observations, 1, axis) for axis in (0, 2))
     diagnosis = diagnose([exchanged(session, first, second)], CATALOGUE)
     assert ("gauge_swap", "y") in names(diagnosis)
     assert {finding.id for finding in diagnosis.effects} == {"gauge_swap", "axis_offset"}
@@ -352,7 +354,7 @@ def test_strong_effects_are_no_mistakes(
     for seed in range(2):
         session = case(conditions, EffectInstance(LAWS[effect], where, values), seed=seed)
         plain = case(conditions, seed=seed)
-        change = np.abs(session.observed.value_mm - plain.observed.value_mm)
+        change = np.abs(session.observations.value_mm - plain.observations.value_mm)
         assert change.max() > 10.0 * SCATTER_MM
         assert mistakes(diagnose([session], CATALOGUE)) == []
 
@@ -370,7 +372,7 @@ def test_repeats_read_in_place_get_no_name(conditions: Observations, sessions: i
     for seed in range(sessions):
         session = case(conditions, seed=seed)
         noise = SCATTER_MM * np.random.default_rng([7, seed]).normal(size=cell.max() + 1)
-        diagnosis = diagnose([with_values(session, session.observed.value_mm + noise[cell])])
+        diagnosis = diagnose([with_values(session, session.observations.value_mm + noise[cell])])
         assert diagnosis.verdict != "explained"
         doubts += diagnosis.verdict in ("unexplained", "partly-explained")
         count += bool(diagnosis.effects)
@@ -381,12 +383,12 @@ def test_repeats_read_in_place_get_no_name(conditions: Observations, sessions: i
 @pytest.mark.parametrize("off", first_quick([0.0, 2.0]))
 def test_a_reading_that_another_posture_has_is_a_wrong_label(off: float) -> None:
     session = case(SWEEP, seed=2)
-    row, partner = (int(rows_at(session.observed, 2, level)[1]) for level in (22.0, -37.0))
-    there = float(session.observed.value_mm[partner])
-    diagnosis = diagnosed(session, reading(session.observed, row, there + off * SCATTER_MM))
+    row, partner = (int(rows_at(session.observations, 2, level)[1]) for level in (22.0, -37.0))
+    there = float(session.observations.value_mm[partner])
+    diagnosis = diagnosed(session, reading(session.observations, row, there + off * SCATTER_MM))
     (mistake,) = single(diagnosis)
     assert (mistake.id, mistake.title.rpartition("; ")[2]) == ("label_error", "it fits -37 mm")
-    assert left_out(diagnosis, len(session.observed)) == [row]
+    assert left_out(diagnosis, len(session.observations)) == [row]
 
 
 @pytest.mark.parametrize(
@@ -397,10 +399,13 @@ def test_a_posture_that_was_another_in_all_cycles(
     conditions: Observations, level: float, by_mm: float
 ) -> None:
     session = case(conditions, seed=2)
-    rows = rows_at(session.observed, 2, level)
-    diagnosis = diagnosed(session, shifted(session.observed, rows, by_mm))
+    rows = rows_at(session.observations, 2, level)
+    diagnosis = diagnosed(session, shifted(session.observations, rows, by_mm))
     mistake = the_mistake(diagnosis)
-    assert (mistake.id, mistake.where) == ("posture_off", place_of(session.observed, int(rows[0])))
+    assert (mistake.id, mistake.where) == (
+        "posture_off",
+        place_of(session.observations, int(rows[0])),
+    )
     assert f"all readings at {level:+.0f} mm are off" in mistake.title
     assert diagnosis.verdict == "explained"
     assert left_out(diagnosis, len(conditions)) == sorted(rows.tolist())
@@ -409,8 +414,8 @@ def test_a_posture_that_was_another_in_all_cycles(
 def test_of_three_postures_none_is_called_another() -> None:
     """A law of travel goes through any three."""
     session = case(SHORT, seed=2)
-    rows = rows_at(session.observed, 2, 60.0)
-    diagnosis = diagnosed(session, shifted(session.observed, rows, 0.05))
+    rows = rows_at(session.observations, 2, 60.0)
+    diagnosis = diagnosed(session, shifted(session.observations, rows, 0.05))
     assert mistakes(diagnosis) == []
     assert diagnosis.verdict == "unexplained"
 
@@ -418,25 +423,25 @@ def test_of_three_postures_none_is_called_another() -> None:
 def test_a_repeat_that_fits_elsewhere_is_not_moved_when_others_show_the_wild_one() -> None:
     """Two repeats of one approach contradict each other; those from the other side tell."""
     session = case(TWO_STATION, seed=1)
-    wild, innocent = rows_at(session.observed, 3, 22.0)[[0, 2]]
-    assert session.observed.approach[wild] == session.observed.approach[innocent]
-    value = float(session.observed.value_mm[innocent])
-    observed = posture_put_at(session.observed, 3, 60.0, value)
-    observed = reading(observed, int(wild), value + 2500.0 * SCATTER_MM)
-    diagnosis = diagnosed(session, observed)
+    wild, innocent = rows_at(session.observations, 3, 22.0)[[0, 2]]
+    assert session.observations.approach[wild] == session.observations.approach[innocent]
+    value = float(session.observations.value_mm[innocent])
+    observations = posture_put_at(session.observations, 3, 60.0, value)
+    observations = reading(observations, int(wild), value + 2500.0 * SCATTER_MM)
+    diagnosis = diagnosed(session, observations)
     (mistake,) = single(diagnosis)
     assert (mistake.id, mistake.indistinguishable_from) == ("wild_reading", ())
-    assert left_out(diagnosis, len(observed)) == [wild]
+    assert left_out(diagnosis, len(observations)) == [wild]
 
 
 def test_a_reading_of_heavy_tails_is_not_moved() -> None:
     """Too near to be called wild: that it fits another place as well proves nothing."""
     session = case(SWEEP, seed=3)
-    row = int(rows_at(session.observed, 1, 22.0)[2])
-    mean = float(np.median(session.observed.value_mm[rows_at(session.observed, 1, 22.0)]))
+    row = int(rows_at(session.observations, 1, 22.0)[2])
+    mean = float(np.median(session.observations.value_mm[rows_at(session.observations, 1, 22.0)]))
     there = mean + 0.87 * 17.0 * SCATTER_MM
-    observed = reading(posture_put_at(session.observed, 1, 41.0, there), row, there)
-    assert single(diagnosed(session, observed)) == []
+    observations = reading(posture_put_at(session.observations, 1, 41.0, there), row, there)
+    assert single(diagnosed(session, observations)) == []
 
 
 @LONG
@@ -446,21 +451,21 @@ def test_two_mistakes_do_not_hide_each_other(conditions: Observations, size_mm: 
     """Each of them alone would make the other look like scatter."""
     for seed in range(3):
         session = case(conditions, seed=seed)
-        observed = session.observed
-        first, second = (int(rows_of(observed, mount)[4]) for mount in (0, 3))
-        value = observed.value_mm.copy()
+        observations = session.observations
+        first, second = (int(rows_of(observations, mount)[4]) for mount in (0, 3))
+        value = observations.value_mm.copy()
         value[[first, second]] += size_mm, -1.1 * size_mm
         diagnosis = diagnose([with_values(session, value)], CATALOGUE)
         assert len(single(diagnosis)) == 2
-        assert {first, second} <= {*left_out(diagnosis, len(observed))}
+        assert {first, second} <= {*left_out(diagnosis, len(observations))}
 
 
 @LONG
 def test_two_mistakes_are_not_reported_as_noise() -> None:
     session = case(SHORT, seed=4)
-    value = session.observed.value_mm.copy()
-    value[rows_of(session.observed, 1)[4]] += 0.4
-    value[rows_of(session.observed, 5)[7]] -= 0.4
+    value = session.observations.value_mm.copy()
+    value[rows_of(session.observations, 1)[4]] += 0.4
+    value[rows_of(session.observations, 5)[7]] -= 0.4
     session = with_values(session, value)
     diagnosis = diagnose([session], CATALOGUE)
     assert diagnosis.verdict != "agrees"
@@ -486,21 +491,21 @@ def test_heavy_tails_hold_no_wrong_labels(conditions: Observations, count: int) 
     ]
     for seed, noise in wildest(noises, count):
         session = case(conditions, seed=seed, scatter_mm=1e-9)
-        diagnosis = diagnose([with_values(session, session.observed.value_mm + noise)])
+        diagnosis = diagnose([with_values(session, session.observations.value_mm + noise)])
         assert "label_error" not in {effect.id for effect in mistakes(diagnosis)}
 
 
 def test_two_wrong_labels_are_both_told() -> None:
     session = case(SHORT, seed=4)
-    observed = session.observed
-    levels = observed.displacement_mm.copy()
-    first, second = int(rows_at(observed, 1, 60.0)[1]), int(rows_at(observed, 5, 0.0)[1])
+    observations = session.observations
+    levels = observations.displacement_mm.copy()
+    first, second = int(rows_at(observations, 1, 60.0)[1]), int(rows_at(observations, 5, 0.0)[1])
     levels[first], levels[second] = -100.0, 60.0
-    session = with_readings(session, replace(observed, displacement_mm=levels))
+    session = with_readings(session, replace(observations, displacement_mm=levels))
     diagnosis = diagnose([session], CATALOGUE)
     assert [effect.id for effect in diagnosis.effects] == ["label_error", "label_error"]
     assert noise_mm(session) == pytest.approx(SCATTER_MM, rel=0.5)
-    assert left_out(diagnosis, len(observed)) == [first, second]
+    assert left_out(diagnosis, len(observations)) == [first, second]
 
 
 @LONG
@@ -526,5 +531,5 @@ def test_indicators_that_scatter_unequally_are_no_mistakes(
         noises.append(noise * larger)
     for seed, noise in wildest(noises, count):
         session = case(conditions, seed=seed, scatter_mm=1e-9)
-        diagnosis = diagnose([with_values(session, session.observed.value_mm + noise)])
+        diagnosis = diagnose([with_values(session, session.observations.value_mm + noise)])
         assert single(diagnosis) == []

@@ -87,9 +87,12 @@ def test_the_twelve_differences_of_table_2_share_none() -> None:
 def session(seed: int, shape: FloatArray) -> SessionCase:
     """A sweep with an error that has no name: one number for each posture of each mounting."""
     session_case = case(SWEEP, seed=seed)
-    observed = session_case.observed
-    off = 0.02 * shape[observed.mount, np.unique(observed.displacement_mm, return_inverse=True)[1]]
-    return with_readings(session_case, observe(observed, observed.value_mm + off))
+    observations = session_case.observations
+    off = (
+        0.02
+        * shape[observations.mount, np.unique(observations.displacement_mm, return_inverse=True)[1]]
+    )
+    return with_readings(session_case, observe(observations, observations.value_mm + off))
 
 
 def shape(seed: int) -> FloatArray:
@@ -132,7 +135,7 @@ def test_chance_of_two_directions_is_that_of_drawn_ones() -> None:
 
 def test_postures_that_only_one_session_has_do_not_count() -> None:
     first, second = session(1, shape(7)), session(2, shape(7))
-    subset = first.observed.take(first.observed.displacement_mm != 22.0)
+    subset = first.observations.take(first.observations.displacement_mm != 22.0)
     fewer = shared_pattern([Cells.of(with_readings(first, subset)), Cells.of(second)])
     all_of_them = shared_pattern([Cells.of(first), Cells.of(second)])
     assert fewer is not None

@@ -36,10 +36,10 @@ from tests.conftest import LONG, first_quick
 
 @pytest.mark.parametrize("observed", first_quick([SWEEP, TWO_STATION]))
 @pytest.mark.parametrize("lead_mm", first_quick([8.0, 25.0, 13.3]))
-def test_any_lead_is_found(observed: Observations, lead_mm: float) -> None:
+def test_any_lead_is_found(observations: Observations, lead_mm: float) -> None:
     """Leads of which four that were tried before hold 8, 25 and 13.3 mm for 10, 20 and 20."""
     hidden = EffectInstance(ActuatorCyclic(lead_mm), "x", (15.0, 10.0))
-    diagnosis = diagnose([case(observed, hidden, seed=3)], CATALOGUE)
+    diagnosis = diagnose([case(observations, hidden, seed=3)], CATALOGUE)
     assert names(diagnosis) == [("actuator_cyclic", "x")]
     lead = diagnosis.effects[0].parameters[0].name.removeprefix("sine_").removesuffix("mm")
     remarks = " ".join(diagnosis.remarks)

@@ -19,7 +19,7 @@ TOLERANCES_MM: FloatArray = np.full(len(PARAMETER_NAMES), TOLERANCE_MM)
 
 def identify(
     model: Model,
-    observed: Observations,
+    observations: Observations,
     subset: Subset = "both",
     method: Method = "exact",
     *,
@@ -28,16 +28,16 @@ def identify(
     tolerance_mm: FloatArray = TOLERANCES_MM,
     sizes: tuple[Size, ...] = (),
 ) -> Solution:
-    case = IdentificationCase.of(model, observed, indicator or IndicatorFigures(), sizes)
+    case = IdentificationCase.of(model, observations, indicator or IndicatorFigures(), sizes)
     return identify_told(case, subset, method, weights, tolerance_mm=tolerance_mm)
 
 
 def choose_subset(
     model: Model,
-    observed: Observations,
+    observations: Observations,
     *,
     indicator: IndicatorFigures | None = None,
     tolerance_mm: FloatArray,
 ) -> SubsetChoice:
-    case = IdentificationCase.of(model, observed, indicator or IndicatorFigures())
+    case = IdentificationCase.of(model, observations, indicator or IndicatorFigures())
     return SubsetChoice(case, tolerance_mm)

@@ -127,9 +127,9 @@ def rms(values: FloatArray) -> float:
 
 
 def sample(samples: Path, name: str, subset: Subset) -> tuple[float, float, FloatArray]:
-    observed = to_observations([fold(read_record(samples / f"{name}.jsonl").events)])
+    observations = to_observations([fold(read_record(samples / f"{name}.jsonl").events)])
     stated = IndicatorFigures(resolution_mm=0.01, repeatability_mm=0.02)
-    solution = identify(Model(), observed, subset, "linear", indicator=stated)
+    solution = identify(Model(), observations, subset, "linear", indicator=stated)
     return solution.rms_before_mm, solution.rms_after_mm, np.array(solution.values_mm)
 
 

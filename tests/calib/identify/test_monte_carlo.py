@@ -145,9 +145,9 @@ def test_sessions_like_one_have_its_noise_and_its_uncertainty(
     figures = IndicatorFigures(resolution_mm=display_mm, step_mm=display_mm)
     truth = Model(parameters_mm=(0.3, -0.2, 0.1, 0.0, 0.0, 0.0))
     value = measure(truth, OBSERVED, scatter_mm=scatter_mm, resolution_mm=display_mm, generator=5)
-    observed = observe(OBSERVED, value)
-    solution = identify(Model(), observed, "joint-offsets", indicator=figures)
-    campaign = Campaign.like(solution, observed, figures)
+    observations = observe(OBSERVED, value)
+    solution = identify(Model(), observations, "joint-offsets", indicator=figures)
+    campaign = Campaign.like(solution, observations, figures)
     assert campaign.model.parameters_mm == solution.model.parameters_mm
     assert (campaign.resolution_mm, campaign.noise_known) == (step_mm, False)
     assert campaign.scatter_mm == pytest.approx(scatter_mm, rel=0.4)

@@ -54,13 +54,13 @@ def test_a_fit_held_by_tolerances_is_the_same_through_the_stages(geometry: Geome
     places = np.repeat(np.random.default_rng(2).uniform(low, high, (12, 3)), 2, axis=0)
     plan = tool_conditions(places)
     truth = Model(geometry, (0.4, -0.3, 0.2, 0.05, -0.02, 0.01))
-    observed = observe(plan, truth.readings(plan))
+    observations = observe(plan, truth.readings(plan))
     nothing = EffectInstance(
         next(effect for effect in CATALOGUE if effect.id == "actuator_scale"), "x", (0.0,)
     )
     tolerance_mm = np.array([2.0] * 3 + [0.1] * 3)
     plain, staged = (
-        prior_fit(Model(geometry, effects=effects), observed, np.full(24, 1e6), tolerance_mm)
+        prior_fit(Model(geometry, effects=effects), observations, np.full(24, 1e6), tolerance_mm)
         for effects in ((), (nothing,))
     )
     assert plain.parameters_mm == pytest.approx(staged.parameters_mm, abs=1e-8)
@@ -130,9 +130,11 @@ def by_scipy(plan: Conditions, value_mm: FloatArray, free: tuple[int, ...]) -> F
     return np.asarray(solution[: len(index)])
 
 
-def identify_many(observed: Observations, free: tuple[int, ...], values: FloatArray) -> FloatArray:
+def identify_many(
+    observations: Observations, free: tuple[int, ...], values: FloatArray
+) -> FloatArray:
     """Free parameters ``(k, sessions)``, NaN where a session has no optimum."""
-    optimum = PlainFit.of(Model(), observed, free, observed.averaged).solve(values)
+    optimum = PlainFit.of(Model(), observations, free, observations.averaged).solve(values)
     return np.where(optimum.converged, optimum.values, np.nan)
 
 
@@ -141,8 +143,8 @@ def identify_many(observed: Observations, free: tuple[int, ...], values: FloatAr
 def test_same_optimum_as_scipy(subset: Subset, scatter_mm: float) -> None:
     free = SUBSETS[subset]
     plan, values = sessions(scatter_mm, 6)
-    observed = observe(plan, values[:, 0])
-    solutions = identify_many(observed, free, values)
+    observations = observe(plan, values[:, 0])
+    solutions = identify_many(observations, free, values)
     for b in range(values.shape[1]):
         expected = by_scipy(plan, values[:, b], free)
         np.testing.assert_allclose(solutions[:, b], expected, rtol=0.0, atol=1e-9)
@@ -150,10 +152,10 @@ def test_same_optimum_as_scipy(subset: Subset, scatter_mm: float) -> None:
 
 def test_every_one_of_many_sessions_converges() -> None:
     plan, values = sessions(0.01, 3000, seed=4)
-    observed = observe(plan, values[:, 0])
-    solutions = identify_many(observed, SUBSETS["both"], values)
+    observations = observe(plan, values[:, 0])
+    solutions = identify_many(observations, SUBSETS["both"], values)
     assert np.isfinite(solutions).all()
-    alone = exact_fit(Model(), observed, SUBSETS["both"], np.ones(len(plan)))
+    alone = exact_fit(Model(), observations, SUBSETS["both"], np.ones(len(plan)))
     np.testing.assert_allclose(solutions[:, 0], alone.parameters_mm, atol=1e-9)
 
 
@@ -170,10 +172,10 @@ def test_unequal_weights_count_in_means_as_in_raw_readings() -> None:
     plan, values = sessions(0.02, 1, seed=9)
     generator = np.random.default_rng(2)
     weight = generator.uniform(0.5, 3.0, len(plan))
-    observed = observe(plan, values[:, 0])
-    fit = exact_fit(Model(), observed, SUBSETS["both"], weight)
-    residual = without_zeros(observed, weight, observed.value_mm - fit.predicted_mm)
-    centred = without_zeros(observed, weight, fit.design)
+    observations = observe(plan, values[:, 0])
+    fit = exact_fit(Model(), observations, SUBSETS["both"], weight)
+    residual = without_zeros(observations, weight, observations.value_mm - fit.predicted_mm)
+    centred = without_zeros(observations, weight, fit.design)
     assert np.abs(centred.T @ (weight * residual)).max() < 1e-8
 
 
@@ -209,7 +211,7 @@ def test_cholesky_over_the_last_axis_against_numpy() -> None:
 
 def test_observations_are_not_touched() -> None:
     plan, values = sessions(0.01, 2)
-    observed = observe(plan, values[:, 0])
-    before = Observations(**vars(observed))
-    identify_many(observed, SUBSETS["both"], values)
-    assert np.array_equal(before.value_mm, observed.value_mm)
+    observations = observe(plan, values[:, 0])
+    before = Observations(**vars(observations))
+    identify_many(observations, SUBSETS["both"], values)
+    assert np.array_equal(before.value_mm, observations.value_mm)

@@ -89,8 +89,10 @@ def test_singular_values(samples: Path) -> None:
         ("experiment_2_twelve", [1.0122, 0.6827, 0.6827, 0.0166, 0.0164, 0.0164]),
         ("experiment_2_six", [1.43, 0.90, 0.90, 0.0013, 0.0013, 0.0]),
     ]:
-        observed = published(samples, name)
-        system = differences(Geometry(), observed).combine @ reading_matrix(Geometry(), observed)
+        observations = published(samples, name)
+        system = differences(Geometry(), observations).combine @ reading_matrix(
+            Geometry(), observations
+        )
         singular = np.linalg.svd(system, compute_uv=False)
         assert singular == pytest.approx(expected, abs=0.006 if "six" in name else 5e-5)
 

@@ -147,14 +147,16 @@ def test_a_visit_goes_on_until_its_mounting_is_read_elsewhere(
     """Beside going through the readings one by one; mountings take turns, contacts are apart."""
     legs, levels_mm, contacts = zip(*taken, strict=True)
     rows = conditions(legs, [1] * len(taken), levels_mm, mount=numbered(np.array(legs)).tolist())
-    observed = observe(replace(rows, contact=np.array(contacts)), np.zeros(len(taken)))
+    observations = observe(replace(rows, contact=np.array(contacts)), np.zeros(len(taken)))
     visit_of: dict[int, tuple[float, int]] = {}
     expected: list[int] = []
-    for mount, level_mm, contact in zip(observed.mount.tolist(), levels_mm, contacts, strict=True):
+    for mount, level_mm, contact in zip(
+        observations.mount.tolist(), levels_mm, contacts, strict=True
+    ):
         before = visit_of.get(mount)
         number = max(expected, default=-1) + 1
         if before and before[0] == level_mm and not contact:
             number = before[1]
         visit_of[mount] = level_mm, number
         expected.append(number)
-    assert visit_numbers(observed).tolist() == expected
+    assert visit_numbers(observations).tolist() == expected

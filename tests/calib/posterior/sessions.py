@@ -35,4 +35,4 @@ def case(
 
 def with_values(session: SessionCase, value_mm: FloatArray) -> SessionCase:
     """The same session with other values ``(n,)``."""
-    return replace(session, observed=replace(session.observed, value_mm=value_mm))
+    return replace(session, observations=replace(session.observations, value_mm=value_mm))

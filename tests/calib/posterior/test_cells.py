@@ -34,8 +34,8 @@ def covariance(cells: Cells) -> FloatArray:
 def correlated(seed: int) -> Cells:
     session = case(SWEEP, seed=seed)
     generator = np.random.default_rng(seed)
-    value = session.observed.value_mm.copy()
-    for rows in session.observed.mountings:
+    value = session.observations.value_mm.copy()
+    for rows in session.observations.mountings:
         error = generator.normal(size=len(rows))
         for k, n in pairwise(range(len(rows))):
             error[n] = 0.8 * error[k] + 0.6 * error[n]
@@ -56,7 +56,7 @@ def test_means_of_correlated_errors_are_those_of_least_squares() -> None:
 
 def test_the_variance_of_correlated_errors_is_not_biased() -> None:
     """Errors of variance 1 that follow each other as supposed, and a drift: 1 on average."""
-    visited = case(SWEEP).observed
+    visited = case(SWEEP).observations
     cell = Cells.of(case(SWEEP)).cell
     generator = np.random.default_rng(6)
     variances = []
@@ -103,8 +103,8 @@ def test_without_outliers_a_mean_is_a_mean(seed: int) -> None:
 
 def test_a_reading_that_does_not_fit_its_repeats_is_no_noise_and_hardly_pulls_their_mean() -> None:
     clean = case(SHORT, seed=7)
-    row = int(np.flatnonzero(clean.observed.displacement_mm == 60.0)[4])
-    value = clean.observed.value_mm.copy()
+    row = int(np.flatnonzero(clean.observations.displacement_mm == 60.0)[4])
+    value = clean.observations.value_mm.copy()
     value[row] += 1.0
     before, after = Cells.of(clean), Cells.of(with_values(clean, value))
     assert before.noise is not None
@@ -128,9 +128,9 @@ def test_evidences_of_other_mountings_compare() -> None:
     A stated instrument and no repeats: nothing is estimated.
     """
     complete = case(SHORT, seed=2)
-    once = complete.observed.take(complete.observed.cycle == 1)
+    once = complete.observations.take(complete.observations.cycle == 1)
     figures = IndicatorFigures(repeatability_mm=SCATTER_MM)
-    session = replace(complete, observed=once, indicator=figures)
+    session = replace(complete, observations=once, indicator=figures)
     mount = once.mount.copy()
     mount[2] = once.mount_count
     wide_mm2 = 1e2
@@ -155,10 +155,10 @@ def test_evidences_of_other_mountings_compare() -> None:
 
 def test_a_session_without_repeats_has_the_noise_of_the_others_and_adds_none() -> None:
     several = case(SWEEP, seed=1)
-    once = replace(several, observed=several.observed.take(several.observed.cycle == 1))
-    levels = once.observed.level
-    first = np.unique(np.stack([once.observed.mount, levels]), axis=1, return_index=True)[1]
-    once = replace(once, observed=once.observed.take(np.sort(first)))
+    once = replace(several, observations=several.observations.take(several.observations.cycle == 1))
+    levels = once.observations.level
+    first = np.unique(np.stack([once.observations.mount, levels]), axis=1, return_index=True)[1]
+    once = replace(once, observations=once.observations.take(np.sort(first)))
     assert Cells.of(once).noise is None
     all_cells = Cells.of_all([once, several])
     noise = all_cells[1].noise
@@ -183,7 +183,7 @@ def test_single_heights_that_scatter_do_not_bend_the_bars(seed: int) -> None:
     heights = observe(
         tool_conditions(np.vstack([np.zeros(3), places])), 0.3 * chance.standard_normal(10)
     )
-    once = replace(session, observed=heights, indicator=IndicatorFigures())
+    once = replace(session, observations=heights, indicator=IndicatorFigures())
     cells = Cells.of(once)
     assert cells.noise is None
     assert 0.1 < np.sqrt(cells.scatter_mm2[0]) < 0.6
@@ -206,12 +206,12 @@ def test_student_by_its_power_and_what_is_before_it(freedom: int, count: int) ->
 def test_where_a_stand_moved_readings_have_the_noise_of_their_display() -> None:
     """Repeats that agree to the digit differ by rounding; the moved one is no noise of all."""
     session = case(SHORT, seed=2)
-    value = 0.01 * np.round(session.observed.value_mm / 0.01)
+    value = 0.01 * np.round(session.observations.value_mm / 0.01)
     cell = Cells.of(session).cell
     first = np.unique(cell, return_index=True)[1]
     value = value[first][cell]  # every repeat is the same
     assert even_mm(Cells.of(_at_steps(session, value))) == pytest.approx(0.01 / np.sqrt(12.0))
-    moved = value + 5.0 * (session.observed.mount == 0) * (session.observed.cycle == 3)
+    moved = value + 5.0 * (session.observations.mount == 0) * (session.observations.cycle == 3)
     assert even_mm(Cells.of(_at_steps(session, moved))) == pytest.approx(0.01 / np.sqrt(12.0))
 
 

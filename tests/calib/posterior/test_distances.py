@@ -95,10 +95,12 @@ def touched(true: Truth, generator: np.random.Generator, model: Model | None = N
         movement=-np.ones((len(contacts), 3)),
         cycle=np.repeat(np.arange(CYCLES) + 1, len(PLACES)),
     )
-    observed = observe(contacts, -(noisy - mean).ravel())
+    observations = observe(contacts, -(noisy - mean).ravel())
     free = frozenset[tuple[Effect, str]](RADIUS_LAWS if model else ())
     tolerance = MACHINE.tolerances_mm()
-    return SessionCase(model or Model(DELTA), observed, IndicatorFigures(), tolerance, free=free)
+    return SessionCase(
+        model or Model(DELTA), observations, IndicatorFigures(), tolerance, free=free
+    )
 
 
 def measured(true: Truth, generator: np.random.Generator) -> Distances:

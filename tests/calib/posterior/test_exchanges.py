@@ -14,9 +14,9 @@ EVERY = list(exchanges(SWEEP))
 NUMBERS: FloatArray = 1.0 + np.arange(len(SWEEP), dtype=np.float64)
 
 
-def rows_of(observed: Observations, place: str) -> IntArray:
+def rows_of(observations: Observations, place: str) -> IntArray:
     leg, axis = map("xyz".index, place)
-    return np.flatnonzero((observed.leg == leg) & (observed.axis == axis))
+    return np.flatnonzero((observations.leg == leg) & (observations.axis == axis))
 
 
 @given(number=st.integers(0, len(EVERY) - 1), seed=st.integers(0, 99))

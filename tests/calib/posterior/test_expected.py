@@ -24,15 +24,15 @@ from tests.conftest import LONG, first_quick
 TOLERANCE_MM = np.array([2.0] * 3 + [0.1] * 3)
 
 
-def planning(observed: Observations, noise_mm: float) -> TripodPlanning:
+def planning(observations: Observations, noise_mm: float) -> TripodPlanning:
     return TripodPlanning(
         name="orthoglide",
         geometry=Machine().geometry(),
         procedure="any",
-        planned=observed,
+        planned=observations,
         of_tool=False,
         stations=(0.5,),
-        step_count=len(observed) // 2,
+        step_count=len(observations) // 2,
         mounting_count=3,
         seconds_per_step=20.0,
         minutes_per_mounting=2.0,
@@ -49,11 +49,11 @@ def expected(procedure: str, noise_mm: float = 0.002) -> ExpectedResult:
 @pytest.mark.parametrize("procedure", first_quick(["zero-max-min", "two-station"]))
 def test_the_bound_is_that_of_a_session_that_shows_nothing_new(procedure: str) -> None:
     """Of the same machine, read with this noise; its own zero readings and repeats included."""
-    observed = conditions_of(procedure)
+    observations = conditions_of(procedure)
     bounds_mm = []
     for seed in range(5):
-        noise = 0.002 * np.random.default_rng(seed).normal(size=len(observed))
-        data = observe(observed, Model().readings(observed) + noise)
+        noise = 0.002 * np.random.default_rng(seed).normal(size=len(observations))
+        data = observe(observations, Model().readings(observations) + noise)
         figures = IndicatorFigures(repeatability_mm=0.002)
         result = posterior([SessionCase(Model(), data, figures, TOLERANCE_MM)])
         bounds_mm.append(correction(result, "offsets").off.bound_mm["touched-off"])
@@ -69,8 +69,8 @@ def test_more_readings_and_less_noise_lower_the_bound() -> None:
 
 def test_parameters_are_half_widths_of_least_squares() -> None:
     """Of the derivatives that the examination of the procedure has, by normal equations."""
-    observed = conditions_of("two-station")
-    plan = planning(observed, 0.002)
+    observations = conditions_of("two-station")
+    plan = planning(observations, 0.002)
     result = expected_of(plan, TOLERANCE_MM)
     rows = plan.examine().sensitivity.jacobian
 

@@ -26,15 +26,15 @@ PLAY_MM = 0.05
 PLAY = EffectInstance(Backlash(), "x", (PLAY_MM,))
 
 
-def first_rows(observed: Observations) -> IntArray:
+def first_rows(observations: Observations) -> IntArray:
     """The first readings that play of x moves, of legs y and z."""
-    first = np.unique(observed.mount, return_index=True)[1]
-    return np.asarray(first[observed.axis[first] == 0])
+    first = np.unique(observations.mount, return_index=True)[1]
+    return np.asarray(first[observations.axis[first] == 0])
 
 
-def play_mm(observed: Observations) -> np.ndarray:
+def play_mm(observations: Observations) -> np.ndarray:
     """What the play does to each of them when the carriage came down."""
-    rows = observed.take(first_rows(observed))
+    rows = observations.take(first_rows(observations))
     down, up = (
         Model(effects=(PLAY,)).readings(replace(rows, movement=np.full((len(rows), 3), way)))
         for way in (-1.0, 1.0)
@@ -42,20 +42,20 @@ def play_mm(observed: Observations) -> np.ndarray:
     return np.asarray(down - up)
 
 
-def within(observed: Observations, shares: tuple[float, float], seed: int) -> SessionCase:
+def within(observations: Observations, shares: tuple[float, float], seed: int) -> SessionCase:
     """A session with play of x, whose first takes stand within it."""
-    session = case(observed, PLAY, seed=seed)
-    value = session.observed.value_mm.copy()
-    value[first_rows(observed)] += np.array(shares) * play_mm(observed)
+    session = case(observations, PLAY, seed=seed)
+    value = session.observations.value_mm.copy()
+    value[first_rows(observations)] += np.array(shares) * play_mm(observations)
     return with_values(session, value)
 
 
 @pytest.mark.parametrize("observed", first_quick([SHORT, SWEEP]), ids=["short", "sweep"])
 @pytest.mark.parametrize("shares", first_quick([(0.5, 0.4), (0.6, 0.0)]))
 def test_a_first_take_within_a_play_is_named_and_the_play_keeps_its_size(
-    observed: Observations, shares: tuple[float, float]
+    observations: Observations, shares: tuple[float, float]
 ) -> None:
-    answer = posterior([within(observed, shares, seed=21)])
+    answer = posterior([within(observations, shares, seed=21)])
     where = "all" if all(shares) else "y"
     assert answer.mistakes["first_take", where] > 0.5
     assert answer.places["backlash", "x"] > 0.9
@@ -76,13 +76,13 @@ def test_a_first_take_within_a_play_is_named_and_the_play_keeps_its_size(
 @pytest.mark.parametrize("observed", first_quick([SHORT, SWEEP]), ids=["short", "sweep"])
 @pytest.mark.parametrize("settled_mm", first_quick([0.06, 0.2]))
 def test_a_stand_that_settled_is_named_beside_the_play_of_another_carriage(
-    observed: Observations, settled_mm: float
+    observations: Observations, settled_mm: float
 ) -> None:
     """Something else would explain both, and play of all carriages much of it."""
-    session = case(observed, PLAY, seed=26)
-    value = session.observed.value_mm.copy()
-    first = np.unique(observed.mount, return_index=True)[1]
-    value[first[observed.leg[first] == 2]] += settled_mm
+    session = case(observations, PLAY, seed=26)
+    value = session.observations.value_mm.copy()
+    first = np.unique(observations.mount, return_index=True)[1]
+    value[first[observations.leg[first] == 2]] += settled_mm
     answer = posterior([with_values(session, value)])
     assert answer.mistakes["first_take", "z"] > 0.5
     assert answer.places["backlash", "x"] > 0.5
@@ -90,7 +90,7 @@ def test_a_stand_that_settled_is_named_beside_the_play_of_another_carriage(
 
 def test_without_a_play_a_little_departure_is_no_mistake() -> None:
     session = case(SWEEP, seed=22)
-    value = session.observed.value_mm.copy()
+    value = session.observations.value_mm.copy()
     first = first_rows(SWEEP)[0]
     value[first] = value[SWEEP.posture == SWEEP.posture[first]].max() + 4.5 * SCATTER_MM
     changed = with_values(session, value)
@@ -108,7 +108,7 @@ def test_an_adopted_play_makes_a_first_take_within_it_usual() -> None:
 
 def test_a_play_reaches_one_first_take_and_every_far_one() -> None:
     session = case(SWEEP, PLAY, seed=25)
-    value = session.observed.value_mm.copy()
+    value = session.observations.value_mm.copy()
     first = first_rows(SWEEP)
     value[first] += np.array([0.5, 0.4]) * play_mm(SWEEP)
     for more_mm, reached in ((0.0, True), (0.2, False)):

@@ -27,24 +27,26 @@ def named(answer: Posterior, least: float = 0.5) -> list[tuple[str, str]]:
     return [name for name, p in answer.mistakes.items() if p >= least]
 
 
-def rows_of(observed: Observations, place: str, displacement_mm: float | None = None) -> IntArray:
+def rows_of(
+    observations: Observations, place: str, displacement_mm: float | None = None
+) -> IntArray:
     leg, axis = map("xyz".index, place)
-    rows = (observed.leg == leg) & (observed.axis == axis)
+    rows = (observations.leg == leg) & (observations.axis == axis)
     if displacement_mm is not None:
-        rows &= observed.displacement_mm == displacement_mm
+        rows &= observations.displacement_mm == displacement_mm
     return np.flatnonzero(rows)
 
 
 def changed(session: SessionCase, rows: IntArray, value_mm: FloatArray) -> Posterior:
-    value = session.observed.value_mm.copy()
+    value = session.observations.value_mm.copy()
     value[rows] = value_mm
     return posterior([with_values(session, value)])
 
 
 @pytest.mark.parametrize("observed", [SHORT, SWEEP], ids=["short", "sweep"])
 @pytest.mark.parametrize("seed", first_quick(range(3)))
-def test_in_a_clean_session_nothing_is_exchanged(observed: Observations, seed: int) -> None:
-    assert not named(posterior([case(observed, seed=seed)]), least=0.05)
+def test_in_a_clean_session_nothing_is_exchanged(observations: Observations, seed: int) -> None:
+    assert not named(posterior([case(observations, seed=seed)]), least=0.05)
 
 
 def test_a_play_is_no_mistake() -> None:
@@ -57,14 +59,16 @@ def test_a_play_is_no_mistake() -> None:
 def test_a_reversed_indicator() -> None:
     session = case(SHORT, seed=1)
     rows = rows_of(SHORT, "yz")
-    assert named(changed(session, rows, -session.observed.value_mm[rows])) == [("gauge_sign", "yz")]
+    assert named(changed(session, rows, -session.observations.value_mm[rows])) == [
+        ("gauge_sign", "yz")
+    ]
 
 
 def test_an_indicator_reversed_on_both_legs_that_it_read() -> None:
     """Tables do not tell which readings one indicator took."""
     session = case(SHORT, seed=1)
     rows = np.concatenate([rows_of(SHORT, table) for table in ("xz", "yz")])
-    answer = changed(session, rows, -session.observed.value_mm[rows])
+    answer = changed(session, rows, -session.observations.value_mm[rows])
     assert named(answer) == [("gauge_sign", "along z")]
 
 
@@ -78,7 +82,7 @@ def test_another_unit_of_a_leg_or_an_indicator(
 ) -> None:
     session = case(SHORT, seed=2)
     rows = np.concatenate([rows_of(SHORT, table) for table in tables])
-    assert named(changed(session, rows, factor * session.observed.value_mm[rows])) == [
+    assert named(changed(session, rows, factor * session.observations.value_mm[rows])) == [
         ("unit_mixup", place)
     ]
 
@@ -87,7 +91,7 @@ def test_exchanged_indicators_and_the_exchange_of_legs_that_is_the_same_are_both
     """What leaves the same readings has the same evidence: only their priors differ."""
     session = case(SHORT, seed=3)
     first, second = rows_of(SHORT, "zx"), rows_of(SHORT, "zy")
-    value = session.observed.value_mm
+    value = session.observations.value_mm
     rows = np.concatenate([first, second])
     answer = changed(session, rows, np.concatenate([value[second], value[first]]))
     chances = answer.mistakes
@@ -101,7 +105,7 @@ def test_exchanged_indicators_and_the_exchange_of_legs_that_is_the_same_are_both
 def test_two_postures_of_a_cycle_are_no_noise() -> None:
     session = case(SHORT, seed=5)
     rows = np.array([rows_of(SHORT, "xy", 60.0)[1], rows_of(SHORT, "xy", -100.0)[1]])
-    answer = changed(session, rows, session.observed.value_mm[rows[::-1]])
+    answer = changed(session, rows, session.observations.value_mm[rows[::-1]])
     assert named(answer) == [("postures_exchanged", "xy")]
     noise = answer.sessions[0].noise
     assert noise is not None
@@ -111,7 +115,7 @@ def test_two_postures_of_a_cycle_are_no_noise() -> None:
 def test_a_stand_that_moved_is_named_with_its_first_reading() -> None:
     session = case(SWEEP, seed=6)
     rows = rows_of(SWEEP, "yx")[9:]
-    answer = changed(session, rows, session.observed.value_mm[rows] + 0.05)
+    answer = changed(session, rows, session.observations.value_mm[rows] + 0.05)
     assert named(answer) == [("stand_slip", "yx")]
     (title,) = {m.title for model in answer.models for m in model.mistakes if model.weight > 0.5}
     words = SWEEP.posture_words(int(rows[0]))
@@ -122,7 +126,7 @@ def test_a_stand_that_moved_is_named_with_its_first_reading() -> None:
 def test_a_typing_error_is_named_and_pulls_nothing(off_mm: float) -> None:
     session = case(SHORT, seed=8)
     rows = rows_of(SHORT, "zy", -100.0)[:1]
-    answer = changed(session, rows, session.observed.value_mm[rows] + off_mm)
+    answer = changed(session, rows, session.observations.value_mm[rows] + off_mm)
     assert named(answer) == [("wild_reading", "zy")]
     clean = posterior([session])
     # one reading fewer of offsets that the tolerance of the bars leaves open by 0.07 mm
@@ -132,7 +136,7 @@ def test_a_typing_error_is_named_and_pulls_nothing(off_mm: float) -> None:
 def test_a_reading_of_another_posture_is_a_wrong_label() -> None:
     session = case(SHORT, seed=9)
     rows, wrong = rows_of(SHORT, "xz", -100.0)[1:2], rows_of(SHORT, "xz", 60.0)
-    answer = changed(session, rows, session.observed.value_mm[wrong[:1]])
+    answer = changed(session, rows, session.observations.value_mm[wrong[:1]])
     assert named(answer) == [("label_error", "xz")]
     (title,) = {m.title for model in answer.models for m in model.mistakes if model.weight > 0.5}
     assert title == "one reading is wrong, at -100 mm, cycle 2; it fits +60 mm"
@@ -142,7 +146,7 @@ def test_a_reading_of_another_posture_is_a_wrong_label() -> None:
 def test_a_stand_that_settles_after_its_first_take_is_no_play(off_mm: float) -> None:
     session = case(SHORT, seed=10)
     first = np.array([rows_of(SHORT, "yx")[0], rows_of(SHORT, "yz")[0]])
-    answer = changed(session, first, session.observed.value_mm[first] + off_mm)
+    answer = changed(session, first, session.observations.value_mm[first] + off_mm)
     assert named(answer) == [("first_take", "y")]
     assert sum(share for (id_, _), share in answer.places.items() if id_ == "backlash") < 0.1
 
@@ -150,7 +154,7 @@ def test_a_stand_that_settles_after_its_first_take_is_no_play(off_mm: float) -> 
 def test_weights_of_all_ways_to_put_a_session_right_are_one() -> None:
     session = case(SHORT, seed=3)
     first, second = rows_of(SHORT, "zx"), rows_of(SHORT, "zy")
-    value = session.observed.value_mm
+    value = session.observations.value_mm
     rows = np.concatenate([first, second])
     answer = changed(session, rows, np.concatenate([value[second], value[first]]))
     assert sum(model.weight for model in answer.models) == pytest.approx(1.0)
@@ -160,7 +164,7 @@ def test_weights_of_all_ways_to_put_a_session_right_are_one() -> None:
 @LONG
 def test_a_mistake_in_one_of_two_sessions_is_that_of_the_one() -> None:
     first, second = case(SHORT, seed=1), case(SHORT, seed=1)
-    value = second.observed.value_mm.copy()
+    value = second.observations.value_mm.copy()
     value[rows_of(SHORT, "yz")] *= -1.0
     for sessions in ([first, with_values(second, value)], [with_values(second, value), first]):
         assert named(posterior(sessions)) == [("gauge_sign", "yz")]
@@ -169,17 +173,17 @@ def test_a_mistake_in_one_of_two_sessions_is_that_of_the_one() -> None:
 def test_where_the_noise_is_stated_a_mistake_is_named_all_the_same() -> None:
     """Log evidences have another origin there: below zero."""
     session = case(SWEEP, seed=1)
-    once = session.observed.take(session.observed.cycle == 1)
+    once = session.observations.take(session.observations.cycle == 1)
     figures = IndicatorFigures(repeatability_mm=SCATTER_MM)
     rows = rows_of(once, "yz")
-    stated = replace(session, observed=once, indicator=figures)
+    stated = replace(session, observations=once, indicator=figures)
     assert named(changed(stated, rows, -once.value_mm[rows])) == [("gauge_sign", "yz")]
 
 
 def test_the_single_readings_that_are_tried_are_those_whose_omission_leaves_least() -> None:
     """Least squares with a zero of its own for each in turn; far-off postures bend the fit."""
     session = case(SWEEP, seed=3)
-    value = session.observed.value_mm + np.random.default_rng(3).normal(0.0, 0.02, len(SWEEP))
+    value = session.observations.value_mm + np.random.default_rng(3).normal(0.0, 0.02, len(SWEEP))
     cells = Cells.of(with_values(session, value))
     screen = Screen.of(cells, np.zeros((len(cells.means), 0)), even_mm(cells))
     count = len(cells.visited)
@@ -227,12 +231,12 @@ def test_exchanges_beside_one_name_are_those_that_leave_the_plain_fit_least() ->
 
 def test_beside_a_mistake_stands_nothing_or_names_and_alone_one_name() -> None:
     session = case(SWEEP, EffectInstance(Backlash(), "y", (0.04,)), seed=4)
-    solved = PosteriorProblem.of((Cells.of(session),), CATALOGUE).solved()
-    plain, *heaviest = solved.beside(0, alone=False)
+    result = PosteriorProblem.of((Cells.of(session),), CATALOGUE).solved()
+    plain, *heaviest = result.beside(0, alone=False)
     assert plain.columns.shape[1] == 0
     assert heaviest
     assert all(model.columns.shape[1] for model in heaviest)
     assert min(model.log_weight for model in heaviest) > plain.log_weight
-    alone = solved.beside(0, alone=True)
+    alone = result.beside(0, alone=True)
     assert alone
     assert all(model.columns.shape[1] for model in alone)

@@ -99,8 +99,8 @@ def test_what_no_reading_shows_stays_at_its_tolerance_and_is_in_the_bound() -> N
     length = Geometry().leg_length_mm[2]
     z = length - np.sqrt(length**2 - x**2 - y**2)
     places = np.tile(np.stack([x, y, z], axis=-1).reshape(-1, 3), (2, 1))
-    observed = observe(tool_conditions(places), np.zeros(len(places)))
-    resting = replace(case(observed, seed=4), geometry=LINES)
+    observations = observe(tool_conditions(places), np.zeros(len(places)))
+    resting = replace(case(observations, seed=4), geometry=LINES)
     result, reference = posterior([resting]), posterior([replace(resting, geometry={})])
     names = {(component.id, component.where) for component in result.components}
     assert ("actuator_scale", "x") in names
@@ -145,7 +145,7 @@ def of_contacts() -> SessionCase:
     return replace(
         case(SWEEP),
         model=Model(towers.geometry()),
-        observed=observe(over_plate, np.random.default_rng(3).normal(0.0, 0.01, len(places))),
+        observations=observe(over_plate, np.random.default_rng(3).normal(0.0, 0.01, len(places))),
         geometry=towers.geometry_tolerances(),
     )
 

@@ -64,7 +64,7 @@ def with_reading_of(
     case: SessionCase, candidate: FurtherMeasurement, machine: Model, generator: np.random.Generator
 ) -> SessionCase:
     """The session with what a candidate reads of a machine, its mountings being further ones."""
-    parts = [case.observed]
+    parts = [case.observations]
     for set_up in candidate.taken:
         value_mm = measure(
             machine, set_up, scatter_mm=NOISE_MM, resolution_mm=0.0, generator=generator
@@ -72,7 +72,10 @@ def with_reading_of(
         parts.append(observe(set_up, value_mm))
     together = replace(joined(parts), indicator=np.zeros(sum(map(len, parts)), dtype=np.intp))
     return replace(
-        case, observed=observe(together, np.concatenate([observed.value_mm for observed in parts]))
+        case,
+        observations=observe(
+            together, np.concatenate([observations.value_mm for observations in parts])
+        ),
     )
 
 
@@ -89,8 +92,8 @@ class Trial:
         """Session of a number; its indicator is one, so that its noise is that of all."""
         effects = HIDDEN[number % len(HIDDEN)]
         case, _ = session(SHORT, *effects, seed=number, scatter_mm=NOISE_MM)
-        zeros = np.zeros(len(case.observed), dtype=np.intp)
-        case = replace(case, observed=replace(case.observed, indicator=zeros))
+        zeros = np.zeros(len(case.observations), dtype=np.intp)
+        case = replace(case, observations=replace(case.observations, indicator=zeros))
         return cls(case, holds, np.random.default_rng(100 + number))
 
     @cached_property
@@ -212,7 +215,9 @@ def test_the_measurement_that_separates_names_decides(play_or_screw: Planner) ->
     result = play_or_screw.posterior
     before = result.places["backlash", "x"]
     case, machine = session(SHORT, *HIDDEN[0], seed=8, scatter_mm=NOISE_MM)
-    assert case.observed.value_mm == pytest.approx(result.sessions[0].case.observed.value_mm)
+    assert case.observations.value_mm == pytest.approx(
+        result.sessions[0].case.observations.value_mm
+    )
     generator = np.random.default_rng(1)
     case_after = with_reading_of(case, separation.candidate, machine, generator)
     after = posterior([case_after])
@@ -366,7 +371,7 @@ def test_a_procedure_of_the_program_is_judged_beside_set_ups(play_or_screw: Plan
 
 def test_a_session_without_a_known_noise_has_a_plan() -> None:
     case, _ = session(SHORT, seed=3, scatter_mm=NOISE_MM)
-    once = case.observed.take(np.flatnonzero(case.observed.cycle == 1))
-    plan = planner_of(replace(case, observed=once))
+    once = case.observations.take(np.flatnonzero(case.observations.cycle == 1))
+    plan = planner_of(replace(case, observations=once))
     bounds = [proposal.bound_mm for proposal in plan.proposals]
     assert 0.1 * plan.bound_mm < min(bounds) < plan.bound_mm < np.inf

@@ -81,9 +81,9 @@ def dense(result: Posterior, model: Weighted) -> tuple[FloatArray, FloatArray]:
     "effects", first_quick([(), (hidden("gravity_sag", "y", 0.3),)]), ids=["nothing", "sag"]
 )
 def test_a_model_has_the_mean_and_the_spread_of_its_normal_equations(
-    observed: Observations, effects: tuple[EffectInstance, ...]
+    observations: Observations, effects: tuple[EffectInstance, ...]
 ) -> None:
-    case, _ = session(observed, *effects, seed=3)
+    case, _ = session(observations, *effects, seed=3)
     result = posterior([case])
     model = max(result.models, key=lambda candidate: candidate.weight)
     assert [result.components[k].id for k in model.members] == [e.id for e in effects]

@@ -54,11 +54,13 @@ class Readings:
         blocks, targets = [], []
         plain = {id(cells): cells.model.readings(cells.means) for cells in sessions}
         for cells in sessions:
-            observed, root = cells.means, 1.0 / np.sqrt(cells.variance_mm2)
-            base = derivatives(cells.model.geometry, np.array(cells.model.parameters_mm), observed)
-            columns = np.column_stack([np.eye(observed.mount_count)[observed.mount], base])
+            observations, root = cells.means, 1.0 / np.sqrt(cells.variance_mm2)
+            base = derivatives(
+                cells.model.geometry, np.array(cells.model.parameters_mm), observations
+            )
+            columns = np.column_stack([np.eye(observations.mount_count)[observations.mount], base])
             blocks.append(root[:, None] * columns)
-            targets.append(root * (observed.value_mm - plain[id(cells)]))
+            targets.append(root * (observations.value_mm - plain[id(cells)]))
         free, target = np.asarray(block_diag(*blocks)), np.concatenate(targets)
         axes, singular, _ = np.linalg.svd(free / np.linalg.norm(free, axis=0), full_matrices=False)
         basis = axes[:, singular > 1e-10 * singular[0]]
@@ -88,14 +90,14 @@ class Readings:
 @pytest.mark.parametrize("lead_mm", first_quick([8.0, 13.3, 25.0]))
 @pytest.mark.parametrize("sessions", first_quick([1, 2]))
 def test_leads_that_are_added_explain_as_much_as_any(
-    observed: Observations, lead_mm: float, sessions: int
+    observations: Observations, lead_mm: float, sessions: int
 ) -> None:
     """Against a fine grid of frequencies; the true one is among them, within its own doubt.
 
     A wave of one carriage may be taken for one of another, which is then searched, too.
     """
     screw = EffectInstance(ActuatorCyclic(lead_mm), "x", (15.0, 10.0))
-    cells = [Cells.of(case(observed, screw, seed=3 + k)) for k in range(sessions)]
+    cells = [Cells.of(case(observations, screw, seed=3 + k)) for k in range(sessions)]
     leads, explained = searched(cells), Readings.of(cells).explained
     turns = np.linspace(1.0 / ISO_LEADS_MM[-1], 1.0 / ISO_LEADS_MM[0], 250)
     best = {place: max(explained(float(1.0 / turn), place) for turn in turns) for place in "xyz"}

@@ -38,8 +38,8 @@ def read(
     parameters = (*(OFFSETS_MM + change_mm).tolist(), *lengths_mm.tolist())
     machine = Model(parameters_mm=parameters)
     value = measure(machine, conditions, scatter_mm=0.001, resolution_mm=0.0, generator=seed)
-    observed = observe(conditions, value)
-    return SessionCase(Model(), observed, IndicatorFigures(), TOLERANCE_MM, state=state)
+    observations = observe(conditions, value)
+    return SessionCase(Model(), observations, IndicatorFigures(), TOLERANCE_MM, state=state)
 
 
 def change_of(result: Posterior) -> tuple[FloatArray, FloatArray]:

@@ -255,9 +255,9 @@ def test_rails_are_judged_by_a_right_angle_whatever_the_machine_file_has() -> No
     """A file with drives that are known to lean: what is told is all of it, not what came since."""
     chance = np.random.default_rng(5)
     lies = aligned_geometry(Geometry(), np.array([4.0, -3.0, 2.0]), np.array([0.3, -0.2, 0.4]), 0)
-    observed = measured(Hidden(), chance)
+    observations = measured(Hidden(), chance)
     exact = replace(
-        observed, value_mm=Model(lies, (0.4, -0.3, 0.2, 0.0, 0.0, 0.0)).readings(observed)
+        observations, value_mm=Model(lies, (0.4, -0.3, 0.2, 0.0, 0.0, 0.0)).readings(observations)
     )
     result = alignment(lies, exact, TOLERANCE, FIGURES)
     assert result.lean_mrad == pytest.approx([4.0, -3.0, 2.0], abs=0.01)

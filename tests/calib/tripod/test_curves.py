@@ -27,18 +27,18 @@ def exact_session(procedure: str, truth: Model) -> SessionSolution:
     return solve_sessions([measured])
 
 
-def of_leg(solved: SessionSolution, leg: int, axis: int) -> LegCurve:
-    (curve,) = [c for c in solved.curves if (c.leg, c.axis) == (leg, axis)]
+def of_leg(result: SessionSolution, leg: int, axis: int) -> LegCurve:
+    (curve,) = [c for c in result.curves if (c.leg, c.axis) == (leg, axis)]
     return curve
 
 
 def test_readings_count_from_zero_and_the_line_is_the_machine() -> None:
     """Offsets alone: readings are what the machine shows less what it shows at Zero."""
-    solved = exact_session("sweep", OFFSETS)
+    result = exact_session("sweep", OFFSETS)
     planned = planned_readings(load_procedure("sweep", MACHINE.geometry()), MACHINE)
     readings = OFFSETS.readings(planned)
-    assert len(solved.curves) == 6
-    for curve in solved.curves:
+    assert len(result.curves) == 6
+    for curve in result.curves:
         rows = (planned.leg == curve.leg) & (planned.axis == curve.axis)
         at_zero = readings[rows & planned.at_zero][0]
         assert curve.at_mm == pytest.approx(planned.displacement_mm[rows])

@@ -80,12 +80,12 @@ def test_what_a_plate_shows_is_identified_and_the_rest_refused() -> None:
     conditions = rings(repeats=2)
     truth = np.array([0.3, -0.25, 0.1, 0.08, -0.05, 0.06])
     value = simulate(DELTA, truth, conditions) + 0.7
-    observed, model = observe(conditions, value), Model(DELTA)
+    observations, model = observe(conditions, value), Model(DELTA)
     with pytest.raises(NotIdentifiable, match="d_rho_x \\+ d_rho_y \\+ d_rho_z"):
-        identify(model, observed, "both", indicator=IndicatorFigures(repeatability_mm=1e-5))
+        identify(model, observations, "both", indicator=IndicatorFigures(repeatability_mm=1e-5))
     solution = identify(
         model,
-        observed,
+        observations,
         "with-tolerances",
         indicator=IndicatorFigures(repeatability_mm=1e-5),
         tolerance_mm=np.array([1.0] * 3 + [0.3] * 3),
@@ -133,9 +133,9 @@ def test_cells_are_positions_with_the_way_there() -> None:
     """Same place from two sides: two cells; the same side again: one."""
     conditions = tool_conditions([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]] * 2 + [[30.0, 0.0, 0.0]])
     movement = np.array([[1, 1, 1], [1, -1, 1], [1, 1, 1], [1, -1, 1], [-1, 1, 1]], dtype=float)
-    observed = observe(replace(conditions, movement=movement), np.zeros(5))
-    assert observed.cell.tolist() == [0, 2, 0, 2, 1]
-    assert [observed.posture_words(k) for k in (0, 1)] == ["(0, 0, 0) mm", "(30, 0, 0) mm"]
+    observations = observe(replace(conditions, movement=movement), np.zeros(5))
+    assert observations.cell.tolist() == [0, 2, 0, 2, 1]
+    assert [observations.posture_words(k) for k in (0, 1)] == ["(0, 0, 0) mm", "(30, 0, 0) mm"]
 
 
 def moved(origin: Three | None = None, **changes: object) -> Geometry:

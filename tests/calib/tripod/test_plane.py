@@ -144,8 +144,8 @@ def test_zero_and_tilt_of_a_plane_never_reach_the_diagnosis() -> None:
     tolerance = np.repeat([2.0, 0.1], 3)
     leftovers = []
     for tilt in (0.0, 4e-3):
-        observed = measured("zero-max-min-plane", OFF, tilt=tilt, scatter=SIGMA_MM)
-        cells = Cells.of(SessionCase(Model(), observed, figures, tolerance))
+        observations = measured("zero-max-min-plane", OFF, tilt=tilt, scatter=SIGMA_MM)
+        cells = Cells.of(SessionCase(Model(), observations, figures, tolerance))
         leftovers.append(Leftover.of([cells]))
     assert leftovers[1].left == pytest.approx(leftovers[0].left, abs=1e-5)
     assert float(np.abs(leftovers[0].left).max()) > 0.5
@@ -274,8 +274,10 @@ def test_the_program_promises_what_the_covariance_says() -> None:
         plane=Plane(),
         return_to_zero=False,
     )
-    observed = planned_readings(steps, Machine())
-    solution = identify(Model(), observed, indicator=IndicatorFigures(repeatability_mm=SIGMA_MM))
+    observations = planned_readings(steps, Machine())
+    solution = identify(
+        Model(), observations, indicator=IndicatorFigures(repeatability_mm=SIGMA_MM)
+    )
     stated = np.sqrt(solution.covariance_mm2.diagonal())
     assert (stated[0], stated[2]) == pytest.approx((0.7247, 0.2248), abs=1e-4)
 

@@ -74,9 +74,9 @@ def test_geometry_and_contacts_are_what_the_firmware_holds(
     places = np.array([contact.position_mm for contact in printer.contacts[:19]])
     want = np.array([touched_at(hidden, x, y, height) for x, y in rings()]) - [0.0, 0.0, far]
     assert np.abs(places - want).max() < 0.0051
-    observed = to_observations([fold([printer.opened, *printer.contacts])])
-    assert observed.contact.all()
-    assert len(np.unique(observed.posture)) == 19
+    observations = to_observations([fold([printer.opened, *printer.contacts])])
+    assert observations.contact.all()
+    assert len(np.unique(observations.posture)) == 19
 
 
 @pytest.mark.parametrize(

@@ -67,11 +67,11 @@ def test_stable_positions_are_the_places_that_were_commanded(
     tmp_path: Path, hidden: true.Hidden
 ) -> None:
     """Carriages from steps, the tool from carriages; half a step of each is a step across."""
-    observed = to_observations([session_of(read(tmp_path, printer_cfg(hidden)))])
-    assert observed.contact.all()
+    observations = to_observations([session_of(read(tmp_path, printer_cfg(hidden)))])
+    assert observations.contact.all()
     want = np.array([touched_at(hidden, x, y) for x, y in rings()])
-    assert np.abs(observed.position_mm - want).max() < 2.0 * STEP_MM
-    steps = np.array([true.BELIEVED(place) for place in observed.position_mm]) / STEP_MM
+    assert np.abs(observations.position_mm - want).max() < 2.0 * STEP_MM
+    steps = np.array([true.BELIEVED(place) for place in observations.position_mm]) / STEP_MM
     assert steps == pytest.approx(np.array([stable(hidden, x, y) for x, y in rings()]), abs=1e-6)
 
 
@@ -178,8 +178,8 @@ def test_distances_go_with_the_contacts_into_record_and_result(tmp_path: Path) -
         assert glidecal("validate", session).status == 0
         run = glidecal("solve", session)
         assert ("3 distances between marks" in run.out) == (name == "b")
-        solved = json.loads(glidecal("solve", session, "--holds", "kinematics", "--json").out)
-        bound_mm.append(solved["correction"]["bound"]["touched_off_mm"])
+        result = json.loads(glidecal("solve", session, "--holds", "kinematics", "--json").out)
+        bound_mm.append(result["correction"]["bound"]["touched_off_mm"])
     assert bound_mm[1] < bound_mm[0]
 
 
@@ -412,8 +412,8 @@ def test_from_a_printer_cfg_to_a_better_one(
     assert run.status == 0, run.err
     assert "19 contacts written" in run.err
     assert load_machine(machine) == read_record(session).session.opened.machine
-    solved = json.loads(glidecal("solve", session, "--json").out)
-    assert solved["correction"]["holds"] == "offsets"
+    result = json.loads(glidecal("solve", session, "--json").out)
+    assert result["correction"]["holds"] == "offsets"
     run = glidecal("export", session, "--format", "klipper", "-o", out)
     assert run.status == 0, run.err
     before = true.rms(true.errors(hidden, true.klipper(NOW)))

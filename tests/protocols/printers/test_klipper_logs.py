@@ -45,9 +45,9 @@ def test_a_log_of_probe_is_cycles_of_places(tmp_path: Path, section: str) -> Non
     assert [contact.cycle for contact in printer.contacts] == [1, 1, 1, 2, 2, 2]
     assert printer.contacts[1].position_mm == pytest.approx((10.0, 5.0, 1.601))
     assert {contact.value_mm for contact in printer.contacts} == {1.5}
-    observed = to_observations([session_of(printer)])
-    assert len(np.unique(observed.posture)) == 3
-    assert observed.beside_mm == pytest.approx(np.tile([20.0, -5.0, 0.0], (6, 1)))
+    observations = to_observations([session_of(printer)])
+    assert len(np.unique(observations.posture)) == 3
+    assert observations.beside_mm == pytest.approx(np.tile([20.0, -5.0, 0.0], (6, 1)))
     machine = printer.opened.machine
     assert machine.probe_offset_mm == (20.0, -5.0)
     assert machine.platform_tilt_tolerance_mrad > 0.0

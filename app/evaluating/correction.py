@@ -394,7 +394,7 @@ def _noise_of(cells: Cells) -> Noise | None:
     """Of a session. Errors that follow each other are larger than their repeats show."""
     if cells.noise is None or not cells.serial:
         return cells.noise
-    shown_mm2 = cells.noise.repeatability_mm2(cells.visited).clip(FINEST_MM**2)
+    shown_mm2 = cells.noise.repeatability_mm2(cells.visits).clip(FINEST_MM**2)
     return cells.noise.scattering(float(cells.scatter_mm2.sum() / shown_mm2.sum()))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from statistics import median
 
-from calib.noise.reading import visits
+from calib.noise.reading import visit_means
 from calib.noise.repeats import Repeats
 from calib.tripod.differences import differences
 from protocols.documents import ZERO, Triple
@@ -37,9 +37,9 @@ class LegRow:
 
 def positions(session: Session) -> list[Triple]:
     """Positions of the tool in the order of the procedure, or of the table; Zero is number 0."""
-    visited = [step.position_mm for step in session.steps()]
-    visited += [reading.position_mm for reading in session.all_readings]
-    return list(dict.fromkeys([ZERO, *(place for place in visited if place is not None)]))
+    visits = [step.position_mm for step in session.steps()]
+    visits += [reading.position_mm for reading in session.all_readings]
+    return list(dict.fromkeys([ZERO, *(place for place in visits if place is not None)]))
 
 
 def leg_rows(session: Session, step: Step) -> list[LegRow]:
@@ -165,8 +165,8 @@ def review_leg(session: Session, step: Step, rests_mm: Sequence[float] = ()) -> 
     ``rests_mm`` is for each axis how far readings of its indicator differ while nothing moves.
     Raises NotIdentifiable without any reading.
     """
-    visited = visits(to_observations([session]))
-    measured = differences(session.opened.machine.geometry(), visited)
+    visits = visit_means(to_observations([session]))
+    measured = differences(session.opened.machine.geometry(), visits)
     rests = [*rests_mm, *[0.0] * len(step.axes)]
     return LegReview(
         leg=step.leg,
@@ -209,7 +209,7 @@ SetUp = tuple[str, str, float]
 
 def _repeats(session: Session, place: SetUp) -> Repeats:
     here = [r.set_up == place for r in session.readings]
-    return Repeats.of(visits(to_observations([session]).take(here)))
+    return Repeats.of(visit_means(to_observations([session]).take(here)))
 
 
 def _usual(

@@ -181,7 +181,7 @@ class Leftover:
     @cached_property
     def reading_mm2(self) -> float:
         """Variance of a single reading, mean over the visits, mm²."""
-        visits = [cells.scatter_mm2 * cells.visited.averaged for cells in self.sessions]
+        visits = [cells.scatter_mm2 * cells.visits.averaged for cells in self.sessions]
         return float(np.concatenate(visits).mean())
 
     @cached_property

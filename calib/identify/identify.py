@@ -57,7 +57,7 @@ from calib.noise.reading import (
     Noise,
     reading_noise,
     reading_weights,
-    visits,
+    visit_means,
 )
 from calib.noise.repeats import Repeats
 from calib.stats import coverage_factors
@@ -80,7 +80,7 @@ class IdentificationCase:
     """
 
     model: Model
-    visited: Observations
+    visits: Observations
     measured: Differences
     noise: Noise | None
     sizes: tuple[Size, ...]
@@ -94,11 +94,11 @@ class IdentificationCase:
         sizes: tuple[Size, ...] = (),
     ) -> Self:
         """Raises NotIdentifiable where no mounting has two postures."""
-        visited = visits(observations)
+        visits = visit_means(observations)
         if sizes or model.effects:  # play may be among them
-            visited = with_first_movements(model.geometry, visited)
-        measured = differences(model.geometry, visited)
-        return cls(model, visited, measured, reading_noise(visited, indicator), sizes)
+            visits = with_first_movements(model.geometry, visits)
+        measured = differences(model.geometry, visits)
+        return cls(model, visits, measured, reading_noise(visits, indicator), sizes)
 
 
 def identify(
@@ -118,8 +118,8 @@ def identify(
     do not determine the subset.
     """
     free = SUBSETS[subset]
-    model, visited, measured, noise = case.model, case.visited, case.measured, case.noise
-    weight = reading_weights(visited, noise)
+    model, visits, measured, noise = case.model, case.visits, case.measured, case.noise
+    weight = reading_weights(visits, noise)
     within_tolerances = subset == "with-tolerances"
     if within_tolerances and noise is None:
         raise NotIdentifiable(
@@ -128,16 +128,16 @@ def identify(
     within_mm = tolerance_mm if within_tolerances else None
     efficient = _efficient_fit(case, subset, method, weight, tolerance_mm)
     papers = method == "linear" and weights == "equal" and not within_tolerances
-    fit = papers_fit(model, visited, free, measured) if papers else efficient
+    fit = papers_fit(model, visits, free, measured) if papers else efficient
     _refuse_impossible(model, fit)
     if noise is None:
-        noise = _noise_from_residuals(visited, efficient)
-        weight = reading_weights(visited, noise)
-    spread = propagate(fit.estimator, visited, noise)
+        noise = _noise_from_residuals(visits, efficient)
+        weight = reading_weights(visits, noise)
+    spread = propagate(fit.estimator, visits, noise)
     if within_mm is not None:
         tolerance = np.concatenate([within_mm, np.full(len(case.sizes), np.inf)])
-        spread = spread.with_prior(visited, weight, fit.design, tolerance)
-    before = measured.of(model.readings(visited))
+        spread = spread.with_prior(visits, weight, fit.design, tolerance)
+    before = measured.of(model.readings(visits))
     predicted = measured.of(fit.predicted_mm)
     k, coverage = len(free), coverage_factors(spread.degrees_of_freedom)
     system = measured.combine @ fit.design
@@ -159,35 +159,35 @@ def identify(
             )
         ),
         differences=measured,
-        difference_uncertainty_mm=uncertainties(measured.combine, visited, noise),
+        difference_uncertainty_mm=uncertainties(measured.combine, visits, noise),
         predicted_mm=predicted,
         rms_before_mm=_rms(measured.value_mm - before),
         rms_after_mm=_rms(measured.value_mm - predicted),
         degrees_of_freedom=(
-            _independent(measured, visited)
+            _independent(measured, visits)
             if method == "linear"
-            else len(visited) - set_up_unknowns(visited)
+            else len(visits) - set_up_unknowns(visits)
         )
         - fit.design.shape[1],
         noise=noise,
         lack_of_fit=lack_of_fit(
-            visited,
-            visited.value_mm - efficient.predicted_mm,
+            visits,
+            visits.value_mm - efficient.predicted_mm,
             float(np.trace(efficient.estimator @ efficient.design)),
             noise,
         ),
         condition_number=float(np.linalg.cond(system)),
         weak_directions=_seen(case, weight, efficient.design, free, noise, within_mm).weak,
-        residual_mm=without_zeros(visited, weight, visited.value_mm - fit.predicted_mm),
-        outside=_of_others(fit, visited, free),
+        residual_mm=without_zeros(visits, weight, visits.value_mm - fit.predicted_mm),
+        outside=_of_others(fit, visits, free),
         tolerance_mm=tolerance_mm,
     )
 
 
-def _of_others(fit: Fit, visited: Observations, free: tuple[int, ...]) -> FloatArray:
+def _of_others(fit: Fit, visits: Observations, free: tuple[int, ...]) -> FloatArray:
     """What errors of parameters outside a set do to those in it ``(k, 6)``, mm per mm."""
     model = fit.model
-    all_columns = derivatives(model.geometry, model.parameters_mm, visited, model.effects)
+    all_columns = derivatives(model.geometry, model.parameters_mm, visits, model.effects)
     all_columns[:, list(free)] = 0.0
     return np.asarray(fit.estimator[: len(free)] @ all_columns)
 
@@ -200,24 +200,24 @@ def _efficient_fit(
     tolerance_mm: FloatArray,
 ) -> Fit:
     """The best estimate of its kind, refused where some combination is not seen."""
-    model, visited, noise, sizes = case.model, case.visited, case.noise, case.sizes
+    model, visits, noise, sizes = case.model, case.visits, case.noise, case.sizes
     free = SUBSETS[subset]
     within_mm = tolerance_mm if subset == "with-tolerances" else None
     begin = model
     if sizes:  # no fit can begin with a size that nothing shows
         try:
-            _seen(case, weight, design_of(model, visited, free, sizes), free, noise, within_mm)
+            _seen(case, weight, design_of(model, visits, free, sizes), free, noise, within_mm)
         except NotIdentifiable:  # some act only where the machine is off
-            begin = prior_fit(model, visited, weight, tolerance_mm).model
-            _seen(case, weight, design_of(begin, visited, free, sizes), free, noise, within_mm)
+            begin = prior_fit(model, visits, weight, tolerance_mm).model
+            _seen(case, weight, design_of(begin, visits, free, sizes), free, noise, within_mm)
     if within_mm is not None:
-        return prior_fit(model, visited, weight, within_mm, sizes, begin)
-    more = MORE_PLACES if few_contacts(visited) else ""
-    linear = weighted_fit(model, visited, free, weight)
+        return prior_fit(model, visits, weight, within_mm, sizes, begin)
+    more = MORE_PLACES if few_contacts(visits) else ""
+    linear = weighted_fit(model, visits, free, weight)
     refuse_unseen(_seen(case, weight, linear.design, free, noise), subset, more)
     if method == "linear":
         return linear
-    exact = exact_fit(model, visited, free, weight, sizes, begin)
+    exact = exact_fit(model, visits, free, weight, sizes, begin)
     refuse_unseen(_seen(case, weight, exact.design, free, noise), subset, more)
     return exact
 
@@ -236,7 +236,7 @@ def _seen(
     NotIdentifiable for a size that is not seen.
     """
     k = len(free)
-    rows = np.sqrt(weight)[:, None] * without_zeros(case.visited, weight, design)
+    rows = np.sqrt(weight)[:, None] * without_zeros(case.visits, weight, design)
     if tolerance_mm is not None:
         prior = np.zeros((k, rows.shape[1]))
         np.fill_diagonal(prior, 1.0 / tolerance_mm)
@@ -247,7 +247,7 @@ def _seen(
         base = without(basis_of(sizes, DEPENDENT), base)
     noise_known = noise is not None
     sensitivity = sensitivity_of_readings(
-        case.model.geometry, case.visited, weight, design[:, :k], free, noise_known=noise_known
+        case.model.geometry, case.visits, weight, design[:, :k], free, noise_known=noise_known
     )
     # what was fitted before the noise was known stays fitted: badly known, and named as that
     fitted = noise_known and case.noise is None
@@ -291,25 +291,23 @@ def _refuse_impossible(model: Model, fit: Fit) -> None:
         )
 
 
-def _noise_from_residuals(visited: Observations, efficient: Fit) -> Noise:
+def _noise_from_residuals(visits: Observations, efficient: Fit) -> Noise:
     """The noise that explains what the model leaves of the means of the postures."""
-    places = int(visited.posture.max()) + 1
-    fitted = set_up_unknowns(visited) + efficient.design.shape[1]
-    remaining = len(visited) - fitted
+    places = int(visits.posture.max()) + 1
+    fitted = set_up_unknowns(visits) + efficient.design.shape[1]
+    remaining = len(visits) - fitted
     if remaining <= 0 or places < fitted:
         raise NotIdentifiable(
             "noise of the readings",
-            f"{len(visited)} readings without repeats, no degree of freedom left",
+            f"{len(visits)} readings without repeats, no degree of freedom left",
             "repeats, or the indicator's resolution and repeatability",
             "Import the table again with --resolution and --repeatability.",
         )
-    residual_mm = without_zeros(
-        visited, visited.averaged, visited.value_mm - efficient.predicted_mm
-    )
-    variance = float((visited.averaged * residual_mm**2).sum()) / remaining
+    residual_mm = without_zeros(visits, visits.averaged, visits.value_mm - efficient.predicted_mm)
+    variance = float((visits.averaged * residual_mm**2).sum()) / remaining
     indicator_noise = IndicatorNoise(variance, 0.0, float(remaining))
-    repeats = Repeats.of(visited).degrees_of_freedom.sum() > 0.0  # then they all agree
-    indicators = (indicator_noise,) * visited.indicator_count
+    repeats = Repeats.of(visits).degrees_of_freedom.sum() > 0.0  # then they all agree
+    indicators = (indicator_noise,) * visits.indicator_count
     return Noise(indicators, "residuals", repeated="equal" if repeats else "nothing")
 
 

@@ -17,7 +17,13 @@ from calib.clusters import in_parallel
 from calib.identify.fit import PlainFit
 from calib.identify.solution import SUBSETS, Solution
 from calib.newton import Optimum, normal_equations, solve_positive
-from calib.noise.reading import IndicatorFigures, IndicatorNoise, Noise, reading_weights, visits
+from calib.noise.reading import (
+    IndicatorFigures,
+    IndicatorNoise,
+    Noise,
+    reading_weights,
+    visit_means,
+)
 from calib.noise.repeats import Repeats
 from calib.noise.rounding import quantisation_of_repeatability, scatter_of_repeatability
 from calib.stats import coverage_factors
@@ -72,7 +78,7 @@ class Campaign:
         step = figures.display_mm if rounded else 0.0
         return cls(
             solution.model,
-            visits(observations),
+            visit_means(observations),
             SUBSETS[solution.subset],
             scatter_of_repeatability(repeatability_mm2, step),
             step,

@@ -295,7 +295,7 @@ class Solution:
 
 
 def lack_of_fit(
-    visited: Observations, left_mm: FloatArray, parameter_count: float, noise: Noise
+    visits: Observations, left_mm: FloatArray, parameter_count: float, noise: Noise
 ) -> LackOfFit | None:
     """Mean square of what the best fit leaves of the cell means, over their noise variance.
 
@@ -304,13 +304,13 @@ def lack_of_fit(
     parameters where tolerances hold them (Hastie, Tibshirani, Friedman, section 7.6). None where
     nothing is free or the noise itself came from what the fit leaves.
     """
-    first, cell = np.unique(visited.cell, return_index=True, return_inverse=True)[1:]
-    free = round(len(first) - set_up_unknowns(visited) - parameter_count, 6)
+    first, cell = np.unique(visits.cell, return_index=True, return_inverse=True)[1:]
+    free = round(len(first) - set_up_unknowns(visits) - parameter_count, 6)
     if noise.source == "residuals" or free <= 0.0:
         return None
-    together = np.bincount(cell, visited.averaged).astype(np.float64)
-    mean = np.bincount(cell, visited.averaged * left_mm) / together
-    means = replace(visited.take(first), averaged=together)
+    together = np.bincount(cell, visits.averaged).astype(np.float64)
+    mean = np.bincount(cell, visits.averaged * left_mm) / together
+    means = replace(visits.take(first), averaged=together)
     weight = 1.0 / (noise.repeatability_mm2(means) + noise.quantisation_mm2(means))
     residual_mm = without_zeros(means, weight, mean)
     statistic = float((weight * residual_mm**2).sum()) / free

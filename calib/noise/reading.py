@@ -215,7 +215,7 @@ class IndicatorFigures:
         return Noise((indicator_noise,) * indicator_count, "instrument")
 
 
-def visits(observations: Observations, visit: IntArray | None = None) -> Observations:
+def visit_means(observations: Observations, visit: IntArray | None = None) -> Observations:
     """Average what was read in place: readings of a mounting with no motion between them.
 
     Neither of the machine nor of a stand along its plane. ``visit`` ``(n_readings,)`` numbers the
@@ -256,7 +256,7 @@ def visit_numbers(observations: Observations) -> IntArray:
 
 
 def reading_noise(
-    visited: Observations,
+    visits: Observations,
     indicator: IndicatorFigures,
     apart: Sequence[int] = (),
     *,
@@ -270,18 +270,18 @@ def reading_noise(
     ``steady`` drift is removed as in `Repeats.of`, unless it leaves nothing of the repeats. The
     resolution of a probe alone is no noise of contacts.
     """
-    repeats = Repeats.of(visited, apart, steady=steady)
+    repeats = Repeats.of(visits, apart, steady=steady)
     if steady and repeats.degrees_of_freedom.sum() <= 0.0:
-        repeats = Repeats.of(visited, apart)
+        repeats = Repeats.of(visits, apart)
     free = repeats.degrees_of_freedom
     step = indicator.display_mm
-    squares = repeats.sums_of_squares(visited.value_mm[:, None])[:, 0]
+    squares = repeats.sums_of_squares(visits.value_mm[:, None])[:, 0]
     if free.sum() <= 0.0:
         # a probe trips within many of its steps: without repeats these alone tell no noise
-        only_steps = visited.contact.all() and not indicator.repeatability_mm
-        return None if only_steps else indicator.noise(visited.indicator_count)
-    if float(squares.sum()) <= arithmetic_mm2(visited) * free.sum():
-        count = visited.indicator_count
+        only_steps = visits.contact.all() and not indicator.repeatability_mm
+        return None if only_steps else indicator.noise(visits.indicator_count)
+    if float(squares.sum()) <= arithmetic_mm2(visits) * free.sum():
+        count = visits.indicator_count
         stated = indicator.noise(count) or IndicatorFigures(resolution_mm=step).noise(count)
         return replace(stated, repeated="equal") if stated else None
     estimates = _noise_of_indicators(squares, free, step)

@@ -77,24 +77,24 @@ class Repeats:
 
     @classmethod
     def of(
-        cls, visited: Observations, apart: Sequence[int] = (), *, steady: bool = False
+        cls, visits: Observations, apart: Sequence[int] = (), *, steady: bool = False
     ) -> Repeats:
         """The repeats among readings of `calib.noise.reading.visits`.
 
         Rows that stand ``apart`` are repeats of nothing. Where a drift is ``steady``, or cycles are
         more than `MOST_CYCLES`, a rate of each mounting is removed in place of its cycles.
         """
-        cell = set_apart(visited.cell, apart)
-        leverage = visited.averaged / np.bincount(cell, visited.averaged)[cell]
+        cell = set_apart(visits.cell, apart)
+        leverage = visits.averaged / np.bincount(cell, visits.averaged)[cell]
         cycles: list[tuple[IntArray, FloatArray]] = []
-        for rows in visited.mountings:
-            many = len(np.unique(visited.cycle[rows])) > MOST_CYCLES
+        for rows in visits.mountings:
+            many = len(np.unique(visits.cycle[rows])) > MOST_CYCLES
             drift = _rate if steady or many else _cycles
-            basis = _beside_cells(visited, rows, cell[rows], drift(visited, rows))
+            basis = _beside_cells(visits, rows, cell[rows], drift(visits, rows))
             cycles.append((rows, basis))
             leverage[rows] += (basis * basis).sum(axis=1)
-        free = np.bincount(visited.indicator, 1.0 - leverage, visited.indicator_count)
-        return cls(visited, cell, tuple(cycles), leverage, np.round(free, 9))
+        free = np.bincount(visits.indicator, 1.0 - leverage, visits.indicator_count)
+        return cls(visits, cell, tuple(cycles), leverage, np.round(free, 9))
 
     @property
     def standard_deviation_mm(self) -> float | None:
@@ -123,26 +123,26 @@ def _without_cells(root: FloatArray, cell: IntArray, value: FloatArray) -> Float
     return root[:, None] * without_means(cell, root**2, value)
 
 
-def _cycles(visited: Observations, rows: IntArray) -> FloatArray:
+def _cycles(visits: Observations, rows: IntArray) -> FloatArray:
     """Columns ``(n_rows, k)``, one for each cycle of a mounting but the first."""
-    return incidence(numbered(visited.cycle[rows]))[:, 1:]
+    return incidence(numbered(visits.cycle[rows]))[:, 1:]
 
 
-def _rate(visited: Observations, rows: IntArray) -> FloatArray:
+def _rate(visits: Observations, rows: IntArray) -> FloatArray:
     """A column ``(n_rows, 1)`` of the time, of the order where no time is known."""
-    time_s = visited.time_s[rows]
+    time_s = visits.time_s[rows]
     timed = np.isfinite(time_s).all() and np.ptp(time_s) > 0.0
     clock = time_s - time_s[0] if timed else np.arange(len(rows), dtype=np.float64)
     return np.asarray(clock / max(float(np.ptp(clock)), 1.0))[:, None]
 
 
 def _beside_cells(
-    visited: Observations, rows: IntArray, cell: IntArray, columns: FloatArray
+    visits: Observations, rows: IntArray, cell: IntArray, columns: FloatArray
 ) -> FloatArray:
     """Orthonormal basis ``(n_rows, rank)`` of columns of a mounting, cell means taken out."""
     if not columns.any():
         return np.zeros((len(rows), 0))
-    root = np.sqrt(visited.averaged[rows])
+    root = np.sqrt(visits.averaged[rows])
     return basis_by_products(_without_cells(root, numbered(cell), columns))
 
 

@@ -82,7 +82,7 @@ class Mistake:
     where: str
     title: str
     rows: IntArray
-    visited: Observations
+    visits: Observations
     log_prior: float
     source: IntArray
     factor: float = 1.0
@@ -112,10 +112,10 @@ class _Apart:
 
 def readings_apart(screen: Screen) -> Iterator[Scored]:
     """Readings that stand apart, and the log likelihood that each adds, its prior included."""
-    visited, root = screen.cells.visited, screen.root
-    contacts = bool(visited.contact.any())
+    visits, root = screen.cells.visits, screen.root
+    contacts = bool(visits.contact.any())
     slips = () if contacts else _slips(screen)  # there is no stand
-    apart = *single_readings(screen), *_first_takes(visited), *_postures_off(screen), *slips
+    apart = *single_readings(screen), *_first_takes(visits), *_postures_off(screen), *slips
     for suspect in apart:
         # a shift of few rows: its products need no more than these
         within = np.array([(1.0 / root[rows]) @ screen.basis[rows] for rows in suspect.groups])
@@ -136,7 +136,7 @@ def readings_apart(screen: Screen) -> Iterator[Scored]:
         name, title = suspect.id, suspect.title
         if name == "wild_reading" and not contacts:
             row = int(suspect.groups[0][0])
-            chance, words = _other_label(visited, row, float(root[row]))
+            chance, words = _other_label(visits, row, float(root[row]))
             if chance > density[0]:
                 name, title, density = (
                     "label_error",
@@ -146,12 +146,12 @@ def readings_apart(screen: Screen) -> Iterator[Scored]:
         log_prior = math.log(PRIOR[name] / suspect.places) + float(np.log(density).sum())
         yield (
             float(gain) + room + log_prior,
-            standing_apart(visited, name, suspect.where, title, suspect.groups, log_prior),
+            standing_apart(visits, name, suspect.where, title, suspect.groups, log_prior),
         )
 
 
 def standing_apart(
-    visited: Observations,
+    visits: Observations,
     id: str,
     where: str,
     title: str,
@@ -159,38 +159,38 @@ def standing_apart(
     log_prior: float,
 ) -> Mistake:
     """The mistake of rows that get a zero of their own, one for each of the groups."""
-    mount = visited.mount.copy()
+    mount = visits.mount.copy()
     for k, rows in enumerate(groups):
-        mount[rows] = visited.mount_count + k
+        mount[rows] = visits.mount_count + k
     right, rows_themselves = (
-        replace(visited, mount=numbered(mount)),
-        np.arange(len(visited), dtype=np.intp),
+        replace(visits, mount=numbered(mount)),
+        np.arange(len(visits), dtype=np.intp),
     )
     return Mistake(id, where, title, np.concatenate(groups), right, log_prior, rows_themselves)
 
 
 def single_readings(screen: Screen) -> Iterator[_Apart]:
     """The readings that lie furthest from where all others expect them."""
-    visited = screen.cells.visited
-    count = len(visited)
+    visits = screen.cells.visits
+    count = len(visits)
     share = np.maximum(1.0 - (screen.basis[:count] ** 2).sum(axis=1), 1e-6)
     furthest = np.argsort(-(screen.left[:count] ** 2) / share, kind="stable")
     for row in furthest[:TRIED].tolist():
-        title = f"one {_taken(visited)} is wrong, {words_of(visited, row)}"
-        yield _Apart("wild_reading", place_of(visited, row), title, (np.array([row]),), count)
+        title = f"one {_taken(visits)} is wrong, {words_of(visits, row)}"
+        yield _Apart("wild_reading", place_of(visits, row), title, (np.array([row]),), count)
 
 
 def _postures_off(screen: Screen) -> Iterator[_Apart]:
     """The postures of which all readings lie furthest from where others expect them."""
-    visited, root = screen.cells.visited, screen.root
-    posture = numbered(visited.mount, visited.level, *visited.position_mm.T)
+    visits, root = screen.cells.visits, screen.root
+    posture = numbered(visits.mount, visits.level, *visits.position_mm.T)
     rows = rows_of(posture)
-    of_mount = visited.mount[[int(members[0]) for members in rows]]
+    of_mount = visits.mount[[int(members[0]) for members in rows]]
     many = np.bincount(of_mount)[of_mount] >= FEW_POSTURES
     candidates = many & (np.bincount(posture) > 1)
     if not candidates.any():
         return
-    count = len(visited)
+    count = len(visits)
     whitened_basis = np.zeros((len(rows), screen.basis.shape[1]))
     np.add.at(whitened_basis, posture, screen.basis[:count] / root[:, None])
     size = np.bincount(posture, 1.0 / root**2) - (whitened_basis**2).sum(axis=1)
@@ -199,63 +199,63 @@ def _postures_off(screen: Screen) -> Iterator[_Apart]:
     gains = np.where(candidates, along**2 / np.where(candidates, size, 1.0), 0.0)
     for k in np.argsort(-gains, kind="stable")[: min(TRIED, int(candidates.sum()))].tolist():
         row = int(rows[k][0])
-        title = f"all {_taken(visited)}s at {visited.posture_words(row)} are off: "
-        title += "something lay there" if visited.contact.any() else "it was another posture"
+        title = f"all {_taken(visits)}s at {visits.posture_words(row)} are off: "
+        title += "something lay there" if visits.contact.any() else "it was another posture"
         places = int(candidates.sum())
-        yield _Apart("posture_off", place_of(visited, row), title, (rows[k],), places)
+        yield _Apart("posture_off", place_of(visits, row), title, (rows[k],), places)
 
 
-def _taken(visited: Observations) -> str:
-    return "contact" if visited.contact.any() else "reading"
+def _taken(visits: Observations) -> str:
+    return "contact" if visits.contact.any() else "reading"
 
 
-def words_of(visited: Observations, row: int) -> str:
+def words_of(visits: Observations, row: int) -> str:
     """Posture and cycle of a reading."""
-    return f"at {visited.posture_words(row)}, cycle {visited.cycle[row]}"
+    return f"at {visits.posture_words(row)}, cycle {visits.cycle[row]}"
 
 
-def _other_label(visited: Observations, row: int, deviation_mm: float) -> tuple[float, str]:
+def _other_label(visits: Observations, row: int, deviation_mm: float) -> tuple[float, str]:
     """Density, 1/mm, of a reading that belongs to another posture or leg, and words for which."""
-    level, mount = visited.level, visited.mount
+    level, mount = visits.level, visits.mount
     postures = (mount == mount[row]) & (level != level[row])
-    legs = (visited.axis == visited.axis[row]) & (visited.station == visited.station[row])
-    legs &= (visited.leg != visited.leg[row]) & (level == level[row])
+    legs = (visits.axis == visits.axis[row]) & (visits.station == visits.station[row])
+    legs &= (visits.leg != visits.leg[row]) & (level == level[row])
     same_label = np.flatnonzero(postures | legs)
     if not len(same_label):
         return 0.0, ""
-    off = np.abs(visited.value_mm[same_label] - visited.value_mm[row]) / deviation_mm
+    off = np.abs(visits.value_mm[same_label] - visits.value_mm[row]) / deviation_mm
     nearest = int(same_label[off.argmin()])
     labels = len(np.unique(np.column_stack([mount, level])[same_label], axis=0))
     chance = math.exp(-(float(off.min()) ** 2) / 4.0) / (math.sqrt(4.0 * math.pi) * deviation_mm)
-    words = visited.posture_words(nearest)
+    words = visits.posture_words(nearest)
     if mount[nearest] != mount[row]:
-        words = f"leg {TOUCHED_LETTERS[visited.leg[nearest]].upper()}"
+        words = f"leg {TOUCHED_LETTERS[visits.leg[nearest]].upper()}"
     return chance / labels, words
 
 
-def _first_takes(visited: Observations) -> Iterator[_Apart]:
+def _first_takes(visits: Observations) -> Iterator[_Apart]:
     """The first visits of a stand, of a leg, and of all mountings."""
-    first = np.unique(visited.mount, return_index=True)[1]
-    leg, station = visited.leg[first], visited.station[first]
-    stands = (numbered(leg, station, visited.over_plane[first]), leg, np.zeros_like(leg))
+    first = np.unique(visits.mount, return_index=True)[1]
+    leg, station = visits.leg[first], visits.station[first]
+    stands = (numbered(leg, station, visits.over_plane[first]), leg, np.zeros_like(leg))
     sets = {tuple(first[k].tolist()) for key in stands for k in rows_of(numbered(key))}
-    title = first_take_words(visited)
+    title = first_take_words(visits)
     for members in sorted(sets):
-        legs = {TOUCHED_LETTERS[number] for number in visited.leg[list(members)].tolist()}
+        legs = {TOUCHED_LETTERS[number] for number in visits.leg[list(members)].tolist()}
         groups = tuple(np.array([row]) for row in members)
         where = legs.pop() if len(legs) == 1 else "all"
         yield _Apart("first_take", where, title, groups, len(sets))
 
 
-def first_take_words(visited: Observations) -> str:
+def first_take_words(visits: Observations) -> str:
     """What a first take that stands apart may be."""
-    return FIRST_CONTACT if visited.contact.any() else FIRST_TAKE
+    return FIRST_CONTACT if visits.contact.any() else FIRST_TAKE
 
 
 def _slips(screen: Screen) -> Iterator[_Apart]:
     """For each mounting the two rows from which on a shift explains most, not at its ends."""
-    visited, root = screen.cells.visited, screen.root
-    for rows in visited.mountings:
+    visits, root = screen.cells.visits, screen.root
+    for rows in visits.mountings:
         if len(rows) < 4:
             continue
         along = np.cumsum((screen.left[rows] / root[rows])[::-1])[::-1]
@@ -264,6 +264,6 @@ def _slips(screen: Screen) -> Iterator[_Apart]:
         gains = np.where(size > LEAST_SEEN * size.max(), along**2 / np.maximum(size, 1e-12), 0.0)
         for k in (2 + np.argsort(-gains[2:-1], kind="stable"))[:2].tolist():
             row = int(rows[k])
-            title = f"the stand moved before the reading {words_of(visited, row)}"
-            place = place_of(visited, row)
-            yield _Apart("stand_slip", place, title, (rows[k:],), len(visited))
+            title = f"the stand moved before the reading {words_of(visits, row)}"
+            place = place_of(visits, row)
+            yield _Apart("stand_slip", place, title, (rows[k:],), len(visits))

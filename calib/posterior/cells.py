@@ -30,7 +30,7 @@ from calib.arrays import (
     without_zeros,
 )
 from calib.identify.fit import design_of, prior_fit, within_reach
-from calib.noise.reading import IndicatorFigures, Noise, reading_noise, visit_numbers, visits
+from calib.noise.reading import IndicatorFigures, Noise, reading_noise, visit_means, visit_numbers
 from calib.noise.repeats import Repeats, disagreeing, set_apart, typical_mm2
 from calib.noise.serial import independent, serial_correlation
 from calib.posterior.distances import Distances
@@ -225,9 +225,9 @@ class SessionCase:
         before was not read there, and is a visit by itself.
         """
         observations, visit = self.observations, visit_numbers(self.observations)
-        visited = visits(observations, visit)
-        typical = typical_mm2(Repeats.of(visited, steady=True))
-        if typical is None or len(visited) == len(observations):
+        visits = visit_means(observations, visit)
+        typical = typical_mm2(Repeats.of(visits, steady=True))
+        if typical is None or len(visits) == len(observations):
             return visit
         least_mm2 = np.maximum(typical, self.indicator.display_mm**2 / 12.0)
         order = np.lexsort((np.arange(len(visit)), visit))
@@ -255,7 +255,7 @@ class Cells:
     """
 
     case: SessionCase
-    visited: Observations
+    visits: Observations
     cell: IntArray
     means: Observations
     variance_mm2: FloatArray
@@ -269,38 +269,38 @@ class Cells:
     @classmethod
     def of(cls, case: SessionCase) -> Cells:
         """Group the visits of a session."""
-        return cls.of_visits(case, visits(case.observations, case.visit))
+        return cls.of_visits(case, visit_means(case.observations, case.visit))
 
     @classmethod
-    def of_visits(cls, case: SessionCase, visited: Observations) -> Cells:
+    def of_visits(cls, case: SessionCase, visits: Observations) -> Cells:
         """Group visits, which need not be those of the session as it is written."""
-        cell, serial, excess, weight = visited.cell, 0.0, 0.0, np.ones(len(visited))
-        repeats = Repeats.of(visited, steady=True)
+        cell, serial, excess, weight = visits.cell, 0.0, 0.0, np.ones(len(visits))
+        repeats = Repeats.of(visits, steady=True)
         floor_mm2 = case.indicator.display_mm**2 / 12.0
         apart = np.array(disagreeing(repeats, floor_mm2), dtype=np.intp)
-        noise = reading_noise(visited, case.indicator, apart.tolist(), steady=True)
+        noise = reading_noise(visits, case.indicator, apart.tolist(), steady=True)
         if noise and noise.repeated == "nothing" and not case.indicator.repeatability_mm:
             noise = None  # a display's step alone is the least that a reading may scatter
         if noise is None and case.others is not None:
-            noise = case.others.for_indicators(visited.indicator_count)
+            noise = case.others.for_indicators(visits.indicator_count)
         if noise is None:  # equal weights: what the model leaves tells the variance
-            scatter = _likeliest_mm2(case, visited) / visited.averaged
+            scatter = _likeliest_mm2(case, visits) / visits.averaged
         else:
-            scatter = np.maximum(noise.repeatability_mm2(visited), FINEST_MM**2)
+            scatter = np.maximum(noise.repeatability_mm2(visits), FINEST_MM**2)
             alone = set_apart(cell, apart)
-            excess = _square_within(cell, scatter, visited.value_mm) - _square_within(
-                alone, scatter, visited.value_mm
+            excess = _square_within(cell, scatter, visits.value_mm) - _square_within(
+                alone, scatter, visits.value_mm
             )
-            serial = serial_correlation(visited, alone, scatter)
+            serial = serial_correlation(visits, alone, scatter)
             if serial:
-                scatter = scatter * correlated_variance(visited, alone, scatter, serial)
-            weight = _robust_weights(Repeats.of(visited, apart.tolist(), steady=True), scatter)
+                scatter = scatter * correlated_variance(visits, alone, scatter, serial)
+            weight = _robust_weights(Repeats.of(visits, apart.tolist(), steady=True), scatter)
             weight[apart] = WRONG
-        means, variance = _means(visited, cell, scatter / weight, serial)
+        means, variance = _means(visits, cell, scatter / weight, serial)
         shared = noise.quantisation_mm2(means) if noise else 0.0
         variance = np.maximum(variance + shared, FINEST_MM**2)
         scatters = variance, scatter, weight
-        return cls(case, visited, cell, means, *scatters, noise, serial, apart, excess)
+        return cls(case, visits, cell, means, *scatters, noise, serial, apart, excess)
 
     @property
     def with_free_lines(self) -> Cells:
@@ -330,13 +330,13 @@ class Cells:
 
         With it the evidences of sessions with other labels, or fewer readings, compare.
         """
-        visited, scatter = self.visited, self.scatter_mm2
+        visits, scatter = self.visits, self.scatter_mm2
         root = 1.0 / np.sqrt(scatter)[:, None]
-        zeros = [float((independent(self.serial, root[r]) ** 2).sum()) for r in visited.mountings]
+        zeros = [float((independent(self.serial, root[r]) ** 2).sum()) for r in visits.mountings]
         log_scales = float(np.log(2.0 * np.pi * scatter).sum())
         log_scales += float(np.log(np.array(zeros) / (2.0 * np.pi)).sum())
-        log_scales += (len(visited) - len(zeros)) * math.log(1.0 - self.serial**2)
-        repeats = len(visited) - len(self.means) - len(self.apart) if self.noise else 0
+        log_scales += (len(visits) - len(zeros)) * math.log(1.0 - self.serial**2)
+        repeats = len(visits) - len(self.means) - len(self.apart) if self.noise else 0
         return -0.5 * (log_scales + repeats)
 
     @cached_property
@@ -407,7 +407,7 @@ class Cells:
         return [
             (cells, np.asarray(np.linalg.cholesky(inverse @ inverse.T + np.diag(shared[cells]))))
             for _, cells, _, inverse in _by_mounting(
-                self.visited, self.cell, self._counted_mm2, self.serial
+                self.visits, self.cell, self._counted_mm2, self.serial
             )
         ]
 
@@ -420,7 +420,7 @@ class Cells:
         rows = np.column_stack([columns, left_mm])
         root = np.sqrt(self._counted_mm2)[:, None]
         if self.serial:
-            mountings = _by_mounting(self.visited, self.cell, self._counted_mm2, self.serial)
+            mountings = _by_mounting(self.visits, self.cell, self._counted_mm2, self.serial)
             remainder = np.vstack(
                 [
                     without(basis, independent(self.serial, rows[there] / root[there]))
@@ -446,21 +446,21 @@ tenths would be noise; medians of 0.02 to 0.05 mm predict contacts left out of p
 Klipper alike (`tests.blind.saved_contacts`)."""
 
 
-def _likeliest_mm2(case: SessionCase, visited: Observations) -> float:
+def _likeliest_mm2(case: SessionCase, visits: Observations) -> float:
     """The variance of readings with which a machine within its tolerances is likeliest, mm²."""
-    within = design_of(case.model, visited, range(BASE), ()) @ case.base_root
-    lines = _by_geometry(case, case.model, visited)
-    rows = np.column_stack([visited.value_mm - case.model.readings(visited), within, lines])
-    centred = without_zeros(visited, visited.averaged, rows)
+    within = design_of(case.model, visits, range(BASE), ()) @ case.base_root
+    lines = _by_geometry(case, case.model, visits)
+    rows = np.column_stack([visits.value_mm - case.model.readings(visits), within, lines])
+    centred = without_zeros(visits, visits.averaged, rows)
     axes, singular, _ = np.linalg.svd(centred[:, 1:], full_matrices=False)
     along = (axes.T @ centred[:, 0]) ** 2
     variances = SCATTERS_MM[:, None] ** 2 + singular**2
     likelihood = -0.5 * (np.log(variances) + along / variances).sum(axis=1)
     # all other directions only scatter; of each mounting one is its zero, which nothing does
-    degrees = len(visited) - len(singular) - visited.mount_count
+    degrees = len(visits) - len(singular) - visits.mount_count
     beside = max(float(centred[:, 0] @ centred[:, 0] - along.sum()), 0.0)
     likelihood -= degrees * np.log(SCATTERS_MM) + 0.5 * beside / SCATTERS_MM**2
-    if visited.contact.all():
+    if visits.contact.all():
         likelihood -= 0.5 * (np.log(SCATTERS_MM / PROBED_MM) / math.log(PROBED_TIMES)) ** 2
     return float(SCATTERS_MM[likelihood.argmax()] ** 2)
 
@@ -474,14 +474,14 @@ def _by_geometry(case: SessionCase, model: Model, conditions: Conditions) -> Flo
 
 
 def _by_mounting(
-    visited: Observations, cell: IntArray, scatter_mm2: FloatArray, serial: float
+    visits: Observations, cell: IntArray, scatter_mm2: FloatArray, serial: float
 ) -> Iterator[tuple[IntArray, IntArray, FloatArray, FloatArray]]:
     """Of each mounting its visits, its cells, a basis of these, and the root of their covariance.
 
     The basis ``(n, c)`` is orthonormal among errors made independent; times the inverse root
     ``(c, c)`` it estimates the means.
     """
-    for rows in visited.mountings:
+    for rows in visits.mountings:
         cells, number = np.unique(cell[rows], return_inverse=True)
         columns = np.eye(len(cells))[number] / np.sqrt(scatter_mm2[rows])[:, None]
         basis, upper = np.linalg.qr(independent(serial, columns))
@@ -489,25 +489,25 @@ def _by_mounting(
 
 
 def _means(
-    visited: Observations, cell: IntArray, scatter_mm2: FloatArray, serial: float
+    visits: Observations, cell: IntArray, scatter_mm2: FloatArray, serial: float
 ) -> tuple[Observations, FloatArray]:
     """Means of cells by least squares, and their variances ``(n_cells,)``, mm²."""
     rows = np.unique(cell, return_index=True)[1]
-    values = np.column_stack([visited.value_mm, visited.time_s])
+    values = np.column_stack([visits.value_mm, visits.time_s])
     if not serial:
         total = np.bincount(cell, 1.0 / scatter_mm2)
         value_mm, time_s = (np.bincount(cell, column / scatter_mm2) / total for column in values.T)
         variance = 1.0 / total
     else:
         value_mm, time_s, variance = (np.empty(len(rows)) for _ in range(3))
-        for there, cells, basis, inverse in _by_mounting(visited, cell, scatter_mm2, serial):
+        for there, cells, basis, inverse in _by_mounting(visits, cell, scatter_mm2, serial):
             whitened_values = values[there] / np.sqrt(scatter_mm2[there])[:, None]
             value_mm[cells], time_s[cells] = (
                 inverse @ (basis.T @ independent(serial, whitened_values))
             ).T
             variance[cells] = (inverse**2).sum(axis=1)
-    together = np.bincount(cell, visited.averaged).astype(np.float64)
-    means = replace(visited.take(rows), value_mm=value_mm, averaged=together, time_s=time_s)
+    together = np.bincount(cell, visits.averaged).astype(np.float64)
+    means = replace(visits.take(rows), value_mm=value_mm, averaged=together, time_s=time_s)
     return means, variance
 
 
@@ -517,17 +517,17 @@ def _square_within(cell: IntArray, scatter_mm2: FloatArray, value_mm: FloatArray
 
 
 def correlated_variance(
-    visited: Observations, cell: IntArray, scatter_mm2: FloatArray, serial: float
+    visits: Observations, cell: IntArray, scatter_mm2: FloatArray, serial: float
 ) -> float:
     """Variance of correlated errors over what their repeats show: these follow each other.
 
     A steady drift of each mounting is no error.
     """
     square, free = 0.0, 0
-    for rows, _, basis, _ in _by_mounting(visited, cell, scatter_mm2, serial):
+    for rows, _, basis, _ in _by_mounting(visits, cell, scatter_mm2, serial):
         order = np.linspace(-1.0, 1.0, len(rows))
         columns = (
-            np.column_stack([order, visited.value_mm[rows]]) / np.sqrt(scatter_mm2[rows])[:, None]
+            np.column_stack([order, visits.value_mm[rows]]) / np.sqrt(scatter_mm2[rows])[:, None]
         )
         drift, residual = without(basis, independent(serial, columns)).T
         along = float(drift @ drift)

@@ -58,57 +58,57 @@ class LabelExchange:
         source[self.here], source[self.there] = self.there, self.here
         return source
 
-    def words(self, visited: Observations) -> str:
+    def words(self, visits: Observations) -> str:
         """The title, of postures with their displacements."""
         if self.id != "postures_exchanged":
             return self.title
-        postures = (visited.posture_words(int(rows[0])) for rows in (self.here, self.there))
+        postures = (visits.posture_words(int(rows[0])) for rows in (self.here, self.there))
         return f"{' and '.join(postures)} exchanged in {self.title}"
 
 
-def exchanges(visited: Observations) -> Iterator[LabelExchange]:
+def exchanges(visits: Observations) -> Iterator[LabelExchange]:
     """Every exchange of labels: of indicators, tables, legs; sign and unit; postures, the most."""
-    yield from _tables(visited)
-    for where, rows in _groups(visited):
+    yield from _tables(visits)
+    for where, rows in _groups(visits):
         yield LabelExchange("gauge_sign", where, "sign reversed", rows, rows, -1.0)
         for title, factor in UNITS.items():
             yield LabelExchange("unit_mixup", where, title, rows, rows, factor)
-    yield from _postures(visited)
+    yield from _postures(visits)
 
 
-def place_of(visited: Observations, row: int) -> str:
+def place_of(visits: Observations, row: int) -> str:
     """Leg (or ``t``, the tool) and axis of a row, in letters."""
-    return TOUCHED_LETTERS[visited.leg[row]] + LEG_NAMES[visited.axis[row]]
+    return TOUCHED_LETTERS[visits.leg[row]] + LEG_NAMES[visits.axis[row]]
 
 
-def _groups(visited: Observations) -> list[tuple[str, IntArray]]:
+def _groups(visits: Observations) -> list[tuple[str, IntArray]]:
     """Rows that one indicator may have taken, or that one table has."""
-    axes, legs = rows_of(numbered(visited.axis)), rows_of(numbered(visited.leg))
-    groups = [(f"along {LEG_NAMES[visited.axis[rows[0]]]}", rows) for rows in axes]
-    groups += [(TOUCHED_LETTERS[visited.leg[rows[0]]], rows) for rows in legs]
-    indicators = enumerate(rows_of(visited.indicator), start=1)
+    axes, legs = rows_of(numbered(visits.axis)), rows_of(numbered(visits.leg))
+    groups = [(f"along {LEG_NAMES[visits.axis[rows[0]]]}", rows) for rows in axes]
+    groups += [(TOUCHED_LETTERS[visits.leg[rows[0]]], rows) for rows in legs]
+    indicators = enumerate(rows_of(visits.indicator), start=1)
     groups += [(f"indicator {number}", rows) for number, rows in indicators]
-    places = [*rows_of(numbered(visited.leg, visited.axis)), *visited.mountings]
-    groups += [(place_of(visited, int(rows[0])), rows) for rows in places]
+    places = [*rows_of(numbered(visits.leg, visits.axis)), *visits.mountings]
+    groups += [(place_of(visits, int(rows[0])), rows) for rows in places]
     by_rows = {tuple(rows.tolist()): (where, rows) for where, rows in groups}
     # all signs reversed are all parameters reversed: no leg reading tells them apart
-    return [group for key, group in by_rows.items() if len(key) < len(visited)]
+    return [group for key, group in by_rows.items() if len(key) < len(visits)]
 
 
-def _tables(visited: Observations) -> Iterator[LabelExchange]:
+def _tables(visits: Observations) -> Iterator[LabelExchange]:
     """Tables of a leg and axis exchanged: two of a leg, of two legs, or all of two legs."""
-    stations = np.unique(visited.station[visited.leg >= 0]).tolist()
+    stations = np.unique(visits.station[visits.leg >= 0]).tolist()
     sets = [[station] for station in stations] + ([stations] if len(stations) > 1 else [])
     for alike in sets:
-        there = np.isin(visited.station, alike) & ~visited.over_plane
+        there = np.isin(visits.station, alike) & ~visits.over_plane
         at = "" if len(alike) == len(stations) else f" at station {alike[0]:g}"
         tables = {
-            (leg, axis): np.flatnonzero(there & (visited.leg == leg) & (visited.axis == axis))
+            (leg, axis): np.flatnonzero(there & (visits.leg == leg) & (visits.axis == axis))
             for leg, axis in product(LEGS, LEGS)
             if leg != axis
         }
         for place, rival in combinations(tables, 2):
-            pair = _matched(visited, tables[place], tables[rival])
+            pair = _matched(visits, tables[place], tables[rival])
             names = [LEG_NAMES[leg] + LEG_NAMES[axis] for leg, axis in (place, rival)]
             if pair and place[0] == rival[0]:
                 title = f"indicators exchanged{at}"
@@ -119,8 +119,8 @@ def _tables(visited: Observations) -> Iterator[LabelExchange]:
         for (a, b), crossed in product(combinations(LEGS, 2), (False, True)):
             third = 3 - a - b
             axes = (third, a) if crossed else (a, third)
-            first = _matched(visited, tables[a, b], tables[b, axes[0]])
-            second = _matched(visited, tables[a, third], tables[b, axes[1]])
+            first = _matched(visits, tables[a, b], tables[b, axes[0]])
+            second = _matched(visits, tables[a, third], tables[b, axes[1]])
             if first and second:
                 here, there_too = (np.concatenate(rows) for rows in zip(first, second, strict=True))
                 title = f"the tables of both legs exchanged{at}"
@@ -130,29 +130,29 @@ def _tables(visited: Observations) -> Iterator[LabelExchange]:
 
 
 def _matched(
-    visited: Observations, first_rows: IntArray, second_rows: IntArray
+    visits: Observations, first_rows: IntArray, second_rows: IntArray
 ) -> tuple[IntArray, IntArray] | None:
     """Rows of two tables with the same postures in the same cycles; None where these differ."""
     if not len(first_rows) or len(first_rows) != len(second_rows):
         return None
     first, second = (
-        rows[np.lexsort((visited.level[rows], visited.cycle[rows]))]
+        rows[np.lexsort((visits.level[rows], visits.cycle[rows]))]
         for rows in (first_rows, second_rows)
     )
-    matched = all(np.array_equal(key[first], key[second]) for key in (visited.cycle, visited.level))
+    matched = all(np.array_equal(key[first], key[second]) for key in (visits.cycle, visits.level))
     return (first, second) if matched else None
 
 
-def _postures(visited: Observations) -> Iterator[LabelExchange]:
+def _postures(visits: Observations) -> Iterator[LabelExchange]:
     """Two visits or postures of a cycle, or of all cycles, of an indicator or of a whole leg."""
-    for stand in rows_of(numbered(visited.leg, visited.station, visited.over_plane)):
-        mountings = [stand[rows] for rows in rows_of(numbered(visited.mount[stand]))]
+    for stand in rows_of(numbered(visits.leg, visits.station, visits.over_plane)):
+        mountings = [stand[rows] for rows in rows_of(numbered(visits.mount[stand]))]
         sets = [[rows] for rows in mountings]
         if len(mountings) > 1 and len({len(rows) for rows in mountings}) == 1:
             sets.append(mountings)
-        pairs = _pairs(visited.cycle[mountings[0]], visited.level[mountings[0]])
+        pairs = _pairs(visits.cycle[mountings[0]], visits.level[mountings[0]])
         for members in sets:
-            where = place_of(visited, int(members[0][0]))[: 2 if len(members) == 1 else 1]
+            where = place_of(visits, int(members[0][0]))[: 2 if len(members) == 1 else 1]
             count = len(members[0])
             for (here, there), when in pairs.items():
                 if max(*here, *there) < count:

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from calib.arrays import BLIND, FloatArray, svd_of_all
-from calib.noise.reading import IndicatorFigures, visits
+from calib.noise.reading import IndicatorFigures, visit_means
 from calib.posterior.cells import SessionCase
 from calib.posterior.correction import correction
 from calib.posterior.models import Posterior
@@ -81,10 +81,10 @@ def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedRe
 
 def _nothing_new(planned: TripodPlanning, tolerance_mm: FloatArray) -> SessionCase:
     """Readings of the nominal machine: one of each cell, as sure as all of them are."""
-    model, visited = Model(planned.geometry), visits(planned.planned)
-    _, first, number = np.unique(visited.cell, return_index=True, return_inverse=True)
-    expected = replace(visited, value_mm=model.readings(visited)).take(first)
-    together = np.bincount(number, visited.averaged).astype(np.float64)
+    model, visits = Model(planned.geometry), visit_means(planned.planned)
+    _, first, number = np.unique(visits.cell, return_index=True, return_inverse=True)
+    expected = replace(visits, value_mm=model.readings(visits)).take(first)
+    together = np.bincount(number, visits.averaged).astype(np.float64)
     figures = IndicatorFigures(repeatability_mm=planned.noise.standard_deviation_mm)
     return SessionCase(model, replace(expected, averaged=together), figures, tolerance_mm)
 

@@ -48,17 +48,17 @@ def first_takes_apart(cells: Cells, session: int) -> Mistake | None:
 
     Its log prior is that within a play, but for what `WithinPlay.log_more` adds for its size.
     """
-    visited, off_mm = cells.visited, departures_mm(cells.visited, APART)
+    visits, off_mm = cells.visits, departures_mm(cells.visits, APART)
     if not off_mm:
         return None
     rows = sorted(off_mm)
     far_mm = np.maximum(np.abs([off_mm[row] for row in rows]), FINEST_MM)
     log_prior = math.log(WITHIN) - float(np.log(2.0 * LOG_RANGE * far_mm).sum())
-    legs = {TOUCHED_LETTERS[leg] for leg in visited.leg[rows].tolist()}
+    legs = {TOUCHED_LETTERS[leg] for leg in visits.leg[rows].tolist()}
     where = legs.pop() if len(legs) == 1 else "all"
     groups = [np.array([row]) for row in rows]
-    words = first_take_words(visited)
-    mistake = standing_apart(visited, "first_take", where, words, groups, log_prior)
+    words = first_take_words(visits)
+    mistake = standing_apart(visits, "first_take", where, words, groups, log_prior)
     return replace(mistake, session=session)
 
 

@@ -104,7 +104,7 @@ class Forecast:
         cells = self.cells
         if self.stated_mm is not None:
             return self.stated_mm**2, 0.0
-        scatter = float(np.median(cells.scatter_mm2 * cells.visited.averaged))
+        scatter = float(np.median(cells.scatter_mm2 * cells.visits.averaged))
         shared = cells.noise.quantisation_mm2(cells.means) if cells.noise else np.zeros(1)
         return scatter, float(np.mean(shared))
 

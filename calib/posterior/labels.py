@@ -136,7 +136,7 @@ def suspects(
         scores = [*readings_apart(screen)]
         fits = screen.freedom + FITS * math.sqrt(2.0 * max(screen.freedom, 0.0))
         # a contact is a place: it has no indicator, sign or unit, and no label beside it
-        if screen.square > fits and not cells.visited.contact.any():
+        if screen.square > fits and not cells.visits.contact.any():
             moved = moved or MovedReadings.of(screen)
             scores += moved.scores(screen)
         for score, mistake in scores:
@@ -198,7 +198,7 @@ def _fitted(
 
 def _gain(plain: Screen, mistake: Mistake) -> float:
     """Log likelihood that an exchange adds by its own plain fit, its prior included."""
-    right = Cells.of_visits(plain.cells.case, mistake.visited)
+    right = Cells.of_visits(plain.cells.case, mistake.visits)
     refit = Screen.of(right, np.zeros((len(right.means), 0)), plain.root)
     gain = plain.log_likelihood(refit.square) - plain.log_likelihood(plain.square)
     return float(gain) + mistake.log_prior
@@ -208,7 +208,7 @@ def _gain(plain: Screen, mistake: Mistake) -> float:
 class MovedReadings:
     """Exchanges of a session that change what is read, and the values ``(n, k)`` of each."""
 
-    visited: Observations
+    visits: Observations
     every: list[LabelExchange]
     values_mm: FloatArray
     places: Counter[str]
@@ -216,18 +216,18 @@ class MovedReadings:
     @classmethod
     def of(cls, screen: Screen) -> MovedReadings:
         """As many as can be held at once."""
-        visited = screen.cells.visited
-        candidates = list(islice(exchanges(visited), MOST_VALUES // max(len(visited), 1)))
-        put_right = [exchange.put_right(visited.value_mm) for exchange in candidates]
-        values = np.array(put_right).reshape(len(candidates), len(visited)).T
-        change = values - visited.value_mm[:, None]
-        change = np.abs(without_means(visited.mount, visited.averaged, change)).max(axis=0)
+        visits = screen.cells.visits
+        candidates = list(islice(exchanges(visits), MOST_VALUES // max(len(visits), 1)))
+        put_right = [exchange.put_right(visits.value_mm) for exchange in candidates]
+        values = np.array(put_right).reshape(len(candidates), len(visits)).T
+        change = values - visits.value_mm[:, None]
+        change = np.abs(without_means(visits.mount, visits.averaged, change)).max(axis=0)
         large = change > LEAST_CHANGED * np.median(screen.root)
         exchanges_that_move = [
             exchange for exchange, counts in zip(candidates, large.tolist(), strict=True) if counts
         ]
         return cls(
-            visited,
+            visits,
             exchanges_that_move,
             values[:, large],
             Counter(exchange.id for exchange in candidates),
@@ -250,8 +250,7 @@ class MovedReadings:
         cells = plain.cells
         weight, change = cells.weight / cells.scatter_mm2, self.values_mm[:, nearest].T
         sums = [
-            np.bincount(cells.cell, weight * (changed - self.visited.value_mm))
-            for changed in change
+            np.bincount(cells.cell, weight * (changed - self.visits.value_mm)) for changed in change
         ]
         change_mm = np.array(sums).T / np.bincount(cells.cell, weight)[:, None]
         log_weights = with_one_name(change_mm)
@@ -260,37 +259,37 @@ class MovedReadings:
             yield log_weight + mistake.log_prior, mistake
 
     def _mistake(self, k: int) -> Mistake:
-        exchange, visited = self.every[k], self.visited
-        changed = np.zeros(len(visited), dtype=bool)
+        exchange, visits = self.every[k], self.visits
+        changed = np.zeros(len(visits), dtype=bool)
         changed[exchange.here] = changed[exchange.there] = True
         rows = np.flatnonzero(changed)
         # of each mounting all readings but one tell a unit: its zero is free
-        free = len(rows) - np.count_nonzero(np.bincount(visited.mount[rows]))
+        free = len(rows) - np.count_nonzero(np.bincount(visits.mount[rows]))
         log_prior = math.log(PRIOR[exchange.id] / self.places[exchange.id])
         log_prior += free * math.log(abs(exchange.factor))
-        source = exchange.source(len(visited))
-        mount = _with_values(visited, source)
-        right = replace(visited, value_mm=self.values_mm[:, k], mount=mount)
-        heading = exchange.id, exchange.where, exchange.words(visited), rows, right, log_prior
+        source = exchange.source(len(visits))
+        mount = _with_values(visits, source)
+        right = replace(visits, value_mm=self.values_mm[:, k], mount=mount)
+        heading = exchange.id, exchange.where, exchange.words(visits), rows, right, log_prior
         return Mistake(*heading, source, exchange.factor)
 
 
-def _with_values(visited: Observations, source: IntArray) -> IntArray:
+def _with_values(visits: Observations, source: IntArray) -> IntArray:
     """Mountings ``(n,)`` where the value of visit i was written at visit ``source[i]``.
 
     A value that stands apart, in a mounting of its own, does so where it belongs.
     """
-    mount = visited.mount
+    mount = visits.mount
     alone = np.bincount(mount)[mount] == 1
     if not alone.any():
         return mount
-    place = numbered(visited.leg, visited.axis, visited.station, visited.over_plane)
+    place = numbered(visits.leg, visits.axis, visits.station, visits.over_plane)
     usual = mount.copy()
     for row in np.flatnonzero(alone).tolist():
         mountings = mount[(place == place[row]) & ~alone]
         if len(mountings):
             usual[row] = np.bincount(mountings).argmax()
-    apart = visited.mount_count + np.arange(len(mount))
+    apart = visits.mount_count + np.arange(len(mount))
     return numbered(np.where(alone[source], apart, usual))
 
 
@@ -318,7 +317,7 @@ def with_mistakes(
     """
     explained = _explained(ways, solve)
     explanations = [result for _, result in explained]
-    depart = [bool(departures_mm(cells.visited)) for cells in ways[0].sessions]
+    depart = [bool(departures_mm(cells.visits)) for cells in ways[0].sessions]
     start, best = max(explained, key=lambda entry: entry[1].log_weight)
     now, with_play = list(start.sessions), start.with_play
     for _ in range(MOST):
@@ -326,7 +325,7 @@ def with_mistakes(
         for number, cells in enumerate(now):
             for mistake in suspects(best, now, number, depart=depart[number]):
                 right = now.copy()
-                right[number] = Cells.of_visits(cells.case, mistake.visited)
+                right[number] = Cells.of_visits(cells.case, mistake.visits)
                 try:
                     result = solve(right, with_play)
                 except NotIdentifiable:
@@ -344,7 +343,7 @@ def with_mistakes(
     for way, _ in explained:
         if put_right and way is not start and _of_same_visits(way, start):
             right = [
-                Cells.of_visits(cells.case, changed.visited)
+                Cells.of_visits(cells.case, changed.visits)
                 for cells, changed in zip(way.sessions, now, strict=True)
             ]
             mistakes = (*way.mistakes, *put_right)
@@ -386,7 +385,7 @@ def _of_same_changes(first: Way, second: Way) -> bool:
 def _of_same_visits(first: Way, second: Way) -> bool:
     """Whether sessions came about by the same movements and zeros; machines may differ."""
     return all(
-        np.array_equal(a.visited.movement, b.visited.movement)
-        and np.array_equal(a.visited.mount, b.visited.mount)
+        np.array_equal(a.visits.movement, b.visits.movement)
+        and np.array_equal(a.visits.mount, b.visits.mount)
         for a, b in zip(first.sessions, second.sessions, strict=True)
     )

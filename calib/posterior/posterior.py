@@ -110,11 +110,11 @@ def _ways_of_first_takes(sessions: Sequence[Cells], log_prior: float) -> list[Wa
     """
     moved, apart, mistakes = [], [], []
     for number, cells in enumerate(sessions):
-        visited = with_first_movements(cells.case.model.geometry, cells.visited)
-        changed = not np.array_equal(visited.movement, cells.visited.movement)
-        moved.append(Cells.of_visits(cells.case, visited) if changed else cells)
+        visits = with_first_movements(cells.case.model.geometry, cells.visits)
+        changed = not np.array_equal(visits.movement, cells.visits.movement)
+        moved.append(Cells.of_visits(cells.case, visits) if changed else cells)
         mistake = first_takes_apart(cells, number)
-        apart.append(Cells.of_visits(cells.case, mistake.visited) if mistake else cells)
+        apart.append(Cells.of_visits(cells.case, mistake.visits) if mistake else cells)
         mistakes += [mistake] if mistake else []
     ways = [Way(sessions, log_prior)]
     if any(new is not old for new, old in zip(moved, sessions, strict=True)):

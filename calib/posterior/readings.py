@@ -106,9 +106,9 @@ def rows_of(
             rows[:, at : at + columns.shape[1]] = columns
         parts.append(cells.whitened(rows))
         timed = [law for law in laws if depends_on_time(law[0])]
-        if within and timed and len(cells.visited) > len(means):
-            by_law = placed_columns(model, cells.visited, [law[0] for law in timed])
-            left_mm = cells.visited.value_mm - model.readings(cells.visited)
+        if within and timed and len(cells.visits) > len(means):
+            by_law = placed_columns(model, cells.visits, [law[0] for law in timed])
+            left_mm = cells.visits.value_mm - model.readings(cells.visits)
             timed_columns = cells.in_time(np.hstack([by_law[law] for law in timed]), left_mm)
             padded = np.zeros((len(timed_columns), rows.shape[1]))
             padded[:, 0] = timed_columns[:, 0]

@@ -41,20 +41,20 @@ class Screen:
     @classmethod
     def of(cls, cells: Cells, columns: FloatArray, root: FloatArray) -> Screen:
         """Beside columns ``(n_cells, r)``; ``root`` ``(n,)`` are standard deviations, mm."""
-        visited, model, cell = cells.visited, _plain(cells), cells.cell
+        visits, model, cell = cells.visits, _plain(cells), cells.cell
         base_root, count = cells.case.base_root, BASE + columns.shape[1]
         derivatives = design_of(model, cells.means, range(BASE), ()) @ base_root
-        zeros = np.hstack([incidence(visited.mount), tilts(visited)])
+        zeros = np.hstack([incidence(visits.mount), tilts(visits)])
         columns_of_visits = np.hstack([zeros, derivatives[cell], columns[cell]]) / root[:, None]
         below = np.hstack([np.zeros((count, zeros.shape[1])), np.eye(count)])
         basis = np.linalg.qr(np.vstack([columns_of_visits, below]))[0]
         expected = np.zeros(count)
         departure = np.array(cells.case.model.parameters_mm) - model.parameters_mm
         expected[:BASE] = np.linalg.solve(base_root, departure)
-        freedom = len(visited) - zeros.shape[1] - 3.0
+        freedom = len(visits) - zeros.shape[1] - 3.0
         predicted = model.readings(cells.means)[cell]
         blank = cls(cells, predicted, root, basis, expected, freedom, np.zeros(0), 0.0)
-        remainder = blank.left_of(visited.value_mm[:, None])[:, 0]
+        remainder = blank.left_of(visits.value_mm[:, None])[:, 0]
         return replace(blank, left=remainder, square=float(remainder @ remainder))
 
     def left_of(self, value_mm: FloatArray) -> FloatArray:
@@ -89,8 +89,8 @@ def even_mm(cells: Cells) -> FloatArray:
     if cells.noise is None:
         return np.sqrt(cells.scatter_mm2)
     middle = float(np.median([indicator.variance_mm2 for indicator in cells.noise.indicators]))
-    typical = typical_mm2(Repeats.of(cells.visited, steady=True))
+    typical = typical_mm2(Repeats.of(cells.visits, steady=True))
     if typical is not None:
         least = max(float(typical.min()), cells.case.indicator.display_mm**2 / 12.0)
         middle = least if middle > LOOSE * least else middle
-    return np.sqrt(np.maximum(middle / cells.visited.averaged, 1e-10))
+    return np.sqrt(np.maximum(middle / cells.visits.averaged, 1e-10))

@@ -27,7 +27,7 @@ from calib.arrays import (
     without_zeros,
 )
 from calib.errors import NotIdentifiable, UsageError
-from calib.noise.reading import IndicatorFigures, reading_noise, reading_weights, visits
+from calib.noise.reading import IndicatorFigures, reading_noise, reading_weights, visit_means
 from calib.stats import UNLIKELY, coverage_factor, variance_ratio_p_value
 from calib.tripod.effects.effect import (
     AROUND,
@@ -125,31 +125,31 @@ def alignment(
     all six.
     """
     check_common_zero(geometry)
-    visited = with_first_movements(geometry, visits(observations))
-    noise = reading_noise(visited, indicator)
+    visits = with_first_movements(geometry, visit_means(observations))
+    noise = reading_noise(visits, indicator)
     if noise is None:
         raise NotIdentifiable(
             "alignment",
             "no scatter of repeats and no stated noise",
             "repeats, as procedures with cycles have",
         )
-    root = np.sqrt(reading_weights(visited, noise))
+    root = np.sqrt(reading_weights(visits, noise))
     limits = [LEAN_TOLERANCE_MRAD] * 3 + [DISTANCE_TOLERANCE_MM] * 3
     hold = np.diag(1.0 / np.concatenate([tolerance_mm, limits]) ** 2)
     nominal = np.concatenate([np.zeros(6), *figures_of(geometry)])
     x = np.zeros(12)
     for _ in range(ROUNDS):
         model = _model(geometry, nominal + x, reference)
-        base = derivatives(geometry, x[:6], visited, model.effects)
+        base = derivatives(geometry, x[:6], visits, model.effects)
         columns = []
         for step in STEP * np.eye(12)[6:]:
             ahead, behind = (
-                _model(geometry, nominal + x + way * step, reference).readings(visited)
+                _model(geometry, nominal + x + way * step, reference).readings(visits)
                 for way in (1.0, -1.0)
             )
             columns.append((ahead - behind)[:, None] / (2.0 * STEP))
-        rows = without_zeros(visited, root**2, np.hstack([base, *columns])) * root[:, None]
-        off = without_zeros(visited, root**2, visited.value_mm - model.readings(visited)) * root
+        rows = without_zeros(visits, root**2, np.hstack([base, *columns])) * root[:, None]
+        off = without_zeros(visits, root**2, visits.value_mm - model.readings(visits)) * root
         covariance = np.linalg.inv(rows.T @ rows + hold)
         x = x + covariance @ (rows.T @ off - hold @ x)
     seen_figures = np.sqrt(covariance.diagonal())[6:] < np.array(limits) / FINE_ENOUGH
@@ -162,12 +162,12 @@ def alignment(
             "all three legs along both axes at Zero, Max, Min, and over a plane: procedure align",
         )
     model = _model(geometry, nominal + x, reference)
-    residual_mm = without_zeros(visited, root**2, visited.value_mm - model.readings(visited))
+    residual_mm = without_zeros(visits, root**2, visits.value_mm - model.readings(visits))
     noise_mm = float(np.sqrt(np.mean(root**-2.0)))
     left_mm = float(np.sqrt(np.mean(residual_mm**2)))
     spread = np.asarray(covariance[6:, 6:], dtype=np.float64)
-    zeros = np.linalg.matrix_rank(np.hstack([incidence(visited.mount), tilts(visited)]))
-    free = max(len(visited) - int(zeros) - len(x), 1)
+    zeros = np.linalg.matrix_rank(np.hstack([incidence(visits.mount), tilts(visits)]))
+    free = max(len(visits) - int(zeros) - len(x), 1)
     square = float(((residual_mm * root) ** 2).sum()) / free
     chance = variance_ratio_p_value(square, free, noise.degrees_of_freedom)
     lean_mrad, distance_mm = np.split((nominal + x)[6:], 2)

@@ -52,16 +52,16 @@ def leg_curves(model: Model, observations: Observations, left_mm: FloatArray) ->
     ``left_mm`` ``(n_visits,)`` is what the fitted model leaves of each visit. Several mountings and
     sessions share a curve, each about a zero of its own.
     """
-    visited = observations.take(visit_starts(observations))
-    points_mm = model.readings(visited) + left_mm
-    plane = visited.over_plane
+    visits = observations.take(visit_starts(observations))
+    points_mm = model.readings(visits) + left_mm
+    plane = visits.over_plane
     if plane.any():  # their mountings have a tilt, too, which is in what is left
-        fitted = visited.value_mm - left_mm
-        mean = np.bincount(visited.mount, fitted) / np.bincount(visited.mount)
-        points_mm = np.where(plane, visited.value_mm - mean[visited.mount], points_mm)
-    station = np.where(plane, 0.0, visited.station)
-    groups = rows_of(numbered(visited.leg, visited.axis, plane, station))
-    return [_curve(model, visited.take(rows), points_mm[rows], left_mm[rows]) for rows in groups]
+        fitted = visits.value_mm - left_mm
+        mean = np.bincount(visits.mount, fitted) / np.bincount(visits.mount)
+        points_mm = np.where(plane, visits.value_mm - mean[visits.mount], points_mm)
+    station = np.where(plane, 0.0, visits.station)
+    groups = rows_of(numbered(visits.leg, visits.axis, plane, station))
+    return [_curve(model, visits.take(rows), points_mm[rows], left_mm[rows]) for rows in groups]
 
 
 def _curve(

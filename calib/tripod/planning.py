@@ -22,7 +22,7 @@ from calib.arrays import (
 )
 from calib.design.criteria import covariances_after, inverse
 from calib.design.identifiability import AddedMeasurement, Examination, Sensitivity
-from calib.noise.reading import Noise, reading_weights, visits
+from calib.noise.reading import Noise, reading_weights, visit_means
 from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM, Geometry
 from calib.tripod.pipeline import derivatives
 from calib.tripod.pool import ACROSS, FREE, PARAMETERS, STATIONS, LegPool, leg_pool
@@ -55,18 +55,18 @@ class TripodPlanning:
 
     def examine(self) -> Examination:
         """Readings of the procedure with a free zero, and tilt of a plane, for each mounting."""
-        visited, weight, design = self._readings()
-        axes = zip(visited.axis, visited.leg, strict=True)
+        visits, weight, design = self._readings()
+        axes = zip(visits.axis, visits.leg, strict=True)
         names = [f"{LEG_NAMES[axis]}_{TOUCHED_NAMES[leg]}" for axis, leg in axes]
         return Examination(
             procedure=self.procedure,
             sensitivity=sensitivity_of_readings(
-                self.geometry, visited, weight, design, FREE, noise_known=True
+                self.geometry, visits, weight, design, FREE, noise_known=True
             ),
-            bare=without_zeros(visited, np.ones(len(visited)), design),
+            bare=without_zeros(visits, np.ones(len(visits)), design),
             measured=tuple(dict.fromkeys(names)),
             posture_count=self.step_count,
-            independent_count=int(visited.posture.max()) + 1 - set_up_unknowns(visited),
+            independent_count=int(visits.posture.max()) + 1 - set_up_unknowns(visits),
             minutes=self.minutes(self.step_count, self.mounting_count),
             units="readings and parameters in mm",
             noise_words=self.noise_words,
@@ -74,9 +74,9 @@ class TripodPlanning:
 
     def _readings(self) -> tuple[Observations, FloatArray, FloatArray]:
         """What counts of the procedure, weights in 1/mm², derivatives at the nominal machine."""
-        visited = visits(self.planned)
-        design = derivatives(self.geometry, np.zeros(PARAMETERS), visited)
-        return visited, reading_weights(visited, self.noise), design
+        visits = visit_means(self.planned)
+        design = derivatives(self.geometry, np.zeros(PARAMETERS), visits)
+        return visits, reading_weights(visits, self.noise), design
 
     def minutes(self, steps: int, mountings: int) -> float:
         """Of so many steps, and of setting up so often."""
@@ -92,11 +92,11 @@ class TripodPlanning:
             return (None,) * len(vectors)
         stations = tuple(dict.fromkeys([*self.stations, *STATIONS]))
         pool = leg_pool(self.geometry, stations=stations, both_ways=False)
-        visited, weight, design = self._readings()
+        visits, weight, design = self._readings()
         prior = np.full(pool.rows.shape[2], ZERO_SPREAD_MM**-2.0)
         prior[:PARAMETERS] = TOLERANCE_MM**-2.0
-        covariance = inverse(_information(design, weight, visited, pool) + np.diag(prior))
-        places = {(int(leg), float(s)) for leg, s in zip(visited.leg, visited.station, strict=True)}
+        covariance = inverse(_information(design, weight, visits, pool) + np.diag(prior))
+        places = {(int(leg), float(s)) for leg, s in zip(visits.leg, visits.station, strict=True)}
         mounted = np.array([pool.places[p] in places for p in pool.place], dtype=np.bool_)
         zero = np.array(
             [pool.index(int(i), 0.0, float(s)) for i, s in zip(pool.leg, pool.station, strict=True)]

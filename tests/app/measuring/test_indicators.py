@@ -185,8 +185,8 @@ def test_unknown_names_list_what_exists() -> None:
 def test_enter_goes_on_and_a_number_goes_there() -> None:
     steps = load_procedure("zero-max-min", Geometry()).steps(Geometry())
     typed = ("", "nonsense", "30", "", "1", "99999", "0")
-    visited = [step.number for step in rehearsed(steps, typed)]
-    assert visited == [1, 2, 3, 30, 30, 1, 30, 1]
+    visits = [step.number for step in rehearsed(steps, typed)]
+    assert visits == [1, 2, 3, 30, 30, 1, 30, 1]
 
 
 @LONG

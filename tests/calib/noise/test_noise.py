@@ -17,8 +17,8 @@ from calib.noise.reading import (
     Noise,
     reading_noise,
     reading_weights,
+    visit_means,
     visit_numbers,
-    visits,
 )
 from calib.noise.repeats import Repeats
 from calib.stats import coverage_factor, variance_ratio_p_value
@@ -98,18 +98,18 @@ def test_repeats_in_place_count_as_one_visit() -> None:
     """Readings with no motion between them share the error of their approach."""
     conditions = postures((0.0, 0.0, 0.0, 60.0, 60.0, -100.0), repeats=2)
     data = observed(TRUTH, conditions, scatter_mm=0.01)
-    visited = visits(data)
-    assert len(visited) == 6 * 2 * 3
-    assert visited.value_mm[0] == pytest.approx(data.value_mm[:3].mean())
-    assert visited.averaged == pytest.approx(np.ones(36))
-    noise = reading_noise(visited, IndicatorFigures())
+    visits = visit_means(data)
+    assert len(visits) == 6 * 2 * 3
+    assert visits.value_mm[0] == pytest.approx(data.value_mm[:3].mean())
+    assert visits.averaged == pytest.approx(np.ones(36))
+    noise = reading_noise(visits, IndicatorFigures())
     assert noise is not None
     assert noise.degrees_of_freedom == 18
 
 
 def test_only_repeats_in_place_leave_it_to_the_instrument() -> None:
     data = observed(TRUTH, postures((0.0, 0.0, 60.0, 60.0)), scatter_mm=0.01)
-    noise = reading_noise(visits(data), IndicatorFigures(repeatability_mm=0.02))
+    noise = reading_noise(visit_means(data), IndicatorFigures(repeatability_mm=0.02))
     assert noise == IndicatorFigures(repeatability_mm=0.02).noise()
 
 

@@ -21,12 +21,12 @@ from tests.calib.posterior.sessions import SCATTER_MM, SHORT, SWEEP, case, with_
 
 def covariance(cells: Cells) -> FloatArray:
     """Of the errors of all visits, from its definition."""
-    visited, rho = cells.visited, cells.serial
-    visit = np.zeros(len(visited))
-    for rows in visited.mountings:
+    visits, rho = cells.visits, cells.serial
+    visit = np.zeros(len(visits))
+    for rows in visits.mountings:
         visit[rows] = np.arange(len(rows))
     apart = np.abs(np.subtract.outer(visit, visit))
-    together = visited.mount[:, None] == visited.mount
+    together = visits.mount[:, None] == visits.mount
     root = np.sqrt(cells.scatter_mm2 / cells.weight)
     return np.asarray(np.where(together, rho**apart, 0.0) * np.outer(root, root))
 
@@ -49,26 +49,26 @@ def test_means_of_correlated_errors_are_those_of_least_squares() -> None:
     precision = np.linalg.inv(covariance(cells))
     groups = np.eye(len(cells.means))[cells.cell]
     of_means = np.linalg.inv(groups.T @ precision @ groups)
-    expected = of_means @ groups.T @ precision @ cells.visited.value_mm
+    expected = of_means @ groups.T @ precision @ cells.visits.value_mm
     assert cells.means.value_mm == pytest.approx(expected, abs=1e-9)
     assert cells.variance_mm2 == pytest.approx(of_means.diagonal(), rel=1e-9)
 
 
 def test_the_variance_of_correlated_errors_is_not_biased() -> None:
     """Errors of variance 1 that follow each other as supposed, and a drift: 1 on average."""
-    visited = case(SWEEP).observations
+    visits = case(SWEEP).observations
     cell = Cells.of(case(SWEEP)).cell
     generator = np.random.default_rng(6)
     variances = []
     for _ in range(300):
-        value = np.linspace(0.0, 9.0, len(visited))
-        for rows in visited.mountings:
+        value = np.linspace(0.0, 9.0, len(visits))
+        for rows in visits.mountings:
             error = generator.normal(size=len(rows))
             for k in range(1, len(rows)):
                 error[k] = 0.6 * error[k - 1] + 0.8 * error[k]
             value[rows] += error
-        drawn = replace(visited, value_mm=value)
-        variances.append(correlated_variance(drawn, cell, np.ones(len(visited)), 0.6))
+        drawn = replace(visits, value_mm=value)
+        variances.append(correlated_variance(drawn, cell, np.ones(len(visits)), 0.6))
     spread = float(np.std(variances)) / np.sqrt(len(variances))
     assert np.mean(variances) == pytest.approx(1.0, abs=4.0 * spread)
     assert 4.0 * spread < 0.07
@@ -79,7 +79,7 @@ def test_whitened_rows_have_the_information_of_all_visits_beside_their_zeros(ser
     cells = correlated(5) if serial else Cells.of(case(SWEEP, seed=5))
     columns = np.random.default_rng(0).normal(size=(len(cells.means), 4))
     precision = np.linalg.inv(covariance(cells))
-    zeros = np.eye(cells.visited.mount_count)[cells.visited.mount]
+    zeros = np.eye(cells.visits.mount_count)[cells.visits.mount]
     at_visits = columns[cells.cell]
     product = precision @ zeros
     beside = precision - product @ np.linalg.solve(zeros.T @ product, product.T)
@@ -94,7 +94,7 @@ def test_whitened_rows_have_the_information_of_all_visits_beside_their_zeros(ser
 def test_without_outliers_a_mean_is_a_mean(seed: int) -> None:
     cells = Cells.of(case(SHORT, seed=seed))
     counted = cells.weight == 1.0
-    plain = np.bincount(cells.cell, cells.visited.value_mm) / np.bincount(cells.cell)
+    plain = np.bincount(cells.cell, cells.visits.value_mm) / np.bincount(cells.cell)
     untouched = np.bincount(cells.cell, counted) == np.bincount(cells.cell)
     assert untouched.mean() > 0.8
     if not cells.serial:
@@ -118,7 +118,7 @@ def test_a_reading_that_does_not_fit_its_repeats_is_no_noise_and_hardly_pulls_th
 
 def test_first_readings_share_no_cell() -> None:
     cells = Cells.of(case(SHORT))
-    first = np.unique(cells.visited.mount, return_index=True)[1]
+    first = np.unique(cells.visits.mount, return_index=True)[1]
     assert np.bincount(cells.cell)[cells.cell[first]].tolist() == [1] * 6
 
 
@@ -138,16 +138,16 @@ def test_evidences_of_other_mountings_compare() -> None:
     def density(cells: Cells) -> tuple[float, float]:
         residual = cells.whitened(cells.means.value_mm)
         ours = cells.log_constant - 0.5 * float(residual @ residual)
-        zeros = np.eye(cells.visited.mount_count)[cells.visited.mount]
+        zeros = np.eye(cells.visits.mount_count)[cells.visits.mount]
         spread = covariance(cells) + wide_mm2 * zeros @ zeros.T
-        value = cells.visited.value_mm
+        value = cells.visits.value_mm
         square = float(value @ np.linalg.solve(spread, value))
         log_det = float(np.linalg.slogdet(2.0 * np.pi * spread)[1])
         prior = 0.5 * zeros.shape[1] * np.log(2.0 * np.pi * wide_mm2)
         return ours, -0.5 * (square + log_det) + prior
 
-    for visited in (once, replace(once, mount=numbered(mount))):
-        cells = Cells.of_visits(session, visited)
+    for visits in (once, replace(once, mount=numbered(mount))):
+        cells = Cells.of_visits(session, visits)
         assert cells.freedom == np.inf
         ours, theirs = density(cells)
         assert ours == pytest.approx(theirs, abs=0.01)

@@ -116,7 +116,7 @@ def test_a_play_reaches_one_first_take_and_every_far_one() -> None:
         cells = Cells.of(with_values(session, value))
         mistake = first_takes_apart(cells, 0)
         assert mistake is not None
-        within = WithinPlay.of(Cells.of_visits(cells.case, mistake.visited))
+        within = WithinPlay.of(Cells.of_visits(cells.case, mistake.visits))
         assert within is not None
         assert within.reached_by({"x": PLAY_MM}) == reached
         assert not within.reached_by({"y": PLAY_MM})
@@ -128,7 +128,7 @@ def test_prior_of_a_first_take_within_a_play() -> None:
     cells = Cells.of(within(SWEEP, (0.5, 0.4), seed=24))
     mistake = first_takes_apart(cells, 0)
     assert mistake is not None
-    right = Cells.of_visits(cells.case, mistake.visited)
+    right = Cells.of_visits(cells.case, mistake.visits)
     first = WithinPlay.of(right)
     assert first is not None
     assert WithinPlay.of(cells) is None

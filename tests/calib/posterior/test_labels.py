@@ -186,7 +186,7 @@ def test_the_single_readings_that_are_tried_are_those_whose_omission_leaves_leas
     value = session.observations.value_mm + np.random.default_rng(3).normal(0.0, 0.02, len(SWEEP))
     cells = Cells.of(with_values(session, value))
     screen = Screen.of(cells, np.zeros((len(cells.means), 0)), even_mm(cells))
-    count = len(cells.visited)
+    count = len(cells.visits)
     without_one = []
     for row in range(count):
         own = np.zeros((len(screen.left), 1))
@@ -220,7 +220,7 @@ def test_exchanges_beside_one_name_are_those_that_leave_the_plain_fit_least() ->
     order = np.argsort(squares, kind="stable")[:24]
     every = [moved.every[k] for k in order]
     assert [(m.id, m.where) for m in mistakes] == [(e.id, e.where) for e in every]
-    changed = [moved.values_mm[:, k] - cells.visited.value_mm for k in order]
+    changed = [moved.values_mm[:, k] - cells.visits.value_mm for k in order]
     weight = cells.weight / cells.scatter_mm2
     expected = [
         [np.average(change[cells.cell == n], weights=weight[cells.cell == n]) for change in changed]

@@ -13,7 +13,7 @@ import pytest
 
 from app.evaluating.diagnosis import diagnose_files
 from calib.arrays import Observations, conditions
-from calib.noise.reading import visits
+from calib.noise.reading import visit_means
 from calib.tripod.geometry import Geometry
 from calib.tripod.movements import last_movement, with_first_movements
 from protocols.observations import to_observations
@@ -34,7 +34,7 @@ def session(folder: Path, case: Case) -> Path:
 
 
 def visited(path: Path) -> Observations:
-    return visits(to_observations([fold(read_record(path).events)]))
+    return visit_means(to_observations([fold(read_record(path).events)]))
 
 
 @LONG

@@ -18,7 +18,7 @@ from calib.arrays import Conditions, FloatArray, Observations, observe, set_up_u
 from calib.diagnosis.gap import Leftover
 from calib.errors import NotIdentifiable
 from calib.identify.fit import PlainFit
-from calib.noise.reading import IndicatorFigures, visits
+from calib.noise.reading import IndicatorFigures, visit_means
 from calib.posterior.cells import Cells, SessionCase
 from calib.tripod.effects.bars import LegBow
 from calib.tripod.effects.effect import EffectInstance
@@ -130,7 +130,7 @@ def test_a_tilt_over_all_the_table_is_of_first_order_only() -> None:
 
 def test_what_the_plane_shows_alone() -> None:
     """Both sums d_rho + d_L of legs x and y stay hidden; of six combinations four are seen."""
-    conditions = visits(taken_by("plane"))
+    conditions = visit_means(taken_by("plane"))
     assert set_up_unknowns(conditions) == 4  # a zero and a tilt for each of two legs
     with pytest.raises(NotIdentifiable, match="d_rho_x \\+ d_L_x; d_rho_y \\+ d_L_y"):
         identify(
@@ -320,5 +320,5 @@ def test_steps_slide_the_stand_and_keep_the_set_up() -> None:
     assert {(s.leg, s.axes) for s in steps} == {("x", ("z",)), ("y", ("z",))}
     assert load_procedure("plane", NOMINAL).read_in_place(NOMINAL) == 0
     conditions: Conditions = taken_by("plane")
-    assert len(visits(taken_by("plane"))) == len(steps)
+    assert len(visit_means(taken_by("plane"))) == len(steps)
     assert command(NOMINAL, conditions).shape == (len(steps), 3)

@@ -123,7 +123,7 @@ def random_conditions(view: HexaSlideSeen, count: int, sets: int) -> FloatArray:
     for _ in range(sets):
         postures = view.machine.box.random(count, generator)
         rows = sensitivity(view.procedure, view.machine, postures).jacobian
-        rank = min(view.seen.found.rank, len(rows))
+        rank = min(view.seen.identifiability.rank, len(rows))
         conditions.append(conditions_by_units(view.procedure, rows, rank, scale)["m, rad"])
     return np.array(conditions)
 

@@ -54,13 +54,13 @@ def ranks(studies: Sequence[Studied]) -> str:
     for entry in studies:
         sensitivity = entry.view.seen
         published = PUBLISHED_SETS[entry.kind]
-        known_count = len(sensitivity.found.individually_known)
+        known_count = len(sensitivity.identifiability.individually_known)
         rows.append(
             [
                 f"{published.case}, {entry.kind.value}",
-                f"{len(sensitivity.found.names)}",
+                f"{len(sensitivity.identifiability.names)}",
                 f"{sensitivity.examined.published_rank}",
-                f"**{sensitivity.found.rank}**",
+                f"**{sensitivity.identifiability.rank}**",
                 _short(lost_words(entry.view)),
                 f"{known_count}",
                 f"{entry.view.fewest}",
@@ -91,7 +91,7 @@ def row_counts(request: Request, kinds: Sequence[ProcedureKind]) -> str:
             view = look_at(
                 hexaslide_planning(replace(request, procedure=kind.value, postures=count))
             )
-            analysis = view.seen.found
+            analysis = view.seen.identifiability
             texts.append(f"{count}: {analysis.row_count} rows, rank {analysis.rank}")
         rows.append([kind.value, "; ".join(texts)])
     return table(["procedure", "random postures: rows and rank"], rows)
@@ -117,14 +117,14 @@ def recipe(studies: Sequence[Studied], seed: int) -> str:
                 *(f"{count}: {r}" for count, r in rank_by_count.items()),
             ]
         )
-        rows[-1] += [f"{entry.view.seen.found.rank}", gap_words(entry.view)]
+        rows[-1] += [f"{entry.view.seen.identifiability.rank}", gap_words(entry.view)]
     headings = ["procedure", "paper", "recipe, paper's postures", "recipe, four times as many"]
     return table([*headings, "true", "gap with exact derivatives"], rows)
 
 
 def gap_words(view: HexaSlideSeen) -> str:
     """The last singular value that is seen by the first that is not."""
-    singular, rank = view.seen.found.singular_values, view.seen.found.rank
+    singular, rank = view.seen.identifiability.singular_values, view.seen.identifiability.rank
     if rank == len(singular):
         return "nothing is lost"
     return f"{singular[rank - 1] / singular[rank]:.0e}".replace("e+", "e")
@@ -132,7 +132,7 @@ def gap_words(view: HexaSlideSeen) -> str:
 
 def recipe_rank(view: HexaSlideSeen, postures: FloatArray) -> int:
     """Differences of 1e-7 and the tolerance of papers/001, QR without pivoting."""
-    names = view.seen.found.names
+    names = view.seen.identifiability.names
     rows = differenced(view.procedure, view.machine, postures)
     return len(names) - len(classical_qr(rows.reshape(-1, len(names)), names).flagged)
 
@@ -184,7 +184,7 @@ def subsets(request: Request, kinds: Sequence[ProcedureKind]) -> str:
             continue
         measured = tuple(names.split(",")) if names else ()
         view = look_at(hexaslide_planning(replace(request, procedure=kind, measured=measured)))
-        analysis = view.seen.found
+        analysis = view.seen.identifiability
         rows.append(
             [
                 f"`{','.join(view.procedure.read)}`".replace(SWINGS, "swing1…6"),

@@ -65,7 +65,7 @@ class CalibratedMachine(Checked):
     @property
     def fits(self) -> bool:
         """Whether what parameters and causes leave may be noise; also where none is stated."""
-        p_value = self.found.p_value if self.p_beside is None else self.p_beside
+        p_value = self.fit.p_value if self.p_beside is None else self.p_beside
         return p_value is None or p_value >= UNLIKELY
 
 
@@ -124,7 +124,7 @@ def calibrated_for(
     for checked in calibrations:
         correction = common
         if correction is None:
-            full = checked.found if checked.held_out is None else calibrate(readings, nominal)
+            full = checked.fit if checked.held_out is None else calibrate(readings, nominal)
             correction = HexaSlideCorrection(full.machine, platform_error(nominal, full))
         machines.append(
             CalibratedMachine(
@@ -133,8 +133,8 @@ def calibrated_for(
                 source=source,
                 entered=correction.machine,
                 platform=correction.platform,
-                parameters=correction.parameters or parameters_alone(checked.found),
-                lengths_m=correction.lengths_m or lengths_alone(checked.found),
+                parameters=correction.parameters or parameters_alone(checked.fit),
+                lengths_m=correction.lengths_m or lengths_alone(checked.fit),
                 left_out=wrong,
                 adopted=adopted,
                 p_beside=p_beside,

@@ -103,7 +103,7 @@ def ros2_parameters(result: CalibratedMachine) -> str:
         "    calibrated_kinematics:",
         f"      machine: {json.dumps(machine.name)}",  # a text of JSON is one of YAML
         f"      legs: {'telescopic' if telescopic else 'carriages on rails'}",
-        f"      not_identifiable: {json.dumps(result.found.unidentifiable or [''])}",
+        f"      not_identifiable: {json.dumps(result.fit.unidentifiable or [''])}",
     ]
     if bound_m is not None:
         lines.append(f"      platform_error_bound: {_yaml([bound_m])}")

@@ -37,7 +37,7 @@ class Aligned:
 
     machine: Machine
     reference: Leg
-    found: Alignment
+    alignment: Alignment
     shims: tuple[Shim, ...]
 
     @property
@@ -45,7 +45,7 @@ class Aligned:
         """The machine with its drives as they lie, for a controller that is told of them."""
         drives = ALL_AXES.index(self.reference)
         geometry = aligned_geometry(
-            self.machine.geometry(), self.found.lean_mrad, self.found.distance_mm, drives
+            self.machine.geometry(), self.alignment.lean_mrad, self.alignment.distance_mm, drives
         )
         return self.machine.with_drives_of(geometry)
 
@@ -178,7 +178,7 @@ class Round:
         moved = {**self.moved_mm} | (
             {} if self.watching is None else {self.watching: self.live_mm()}
         )
-        way = slope_at_zero_mm(self.aligned.found.model, shim.rail, shim.towards)
+        way = slope_at_zero_mm(self.aligned.alignment.model, shim.rail, shim.towards)
         for k, mm in moved.items():
             opposite = self.aligned.shims[k]
             if (opposite.rail, opposite.towards) == (shim.rail, shim.towards) and mm is not None:

@@ -289,12 +289,12 @@ class PushResult(StrEnum):
 class SpindleCheck:
     """Which spindle is asked for, and what was found.
 
-    ``found`` tells for each indicator, counted from 0, what its reading became when its spindle was
+    ``ways`` tells for each indicator, counted from 0, what its reading became when its spindle was
     pushed in; ``last`` the same of the last push, whichever it was.
     """
 
     instruments: tuple[Instrument, ...]
-    found: dict[int, PushedIn] = field(default_factory=dict)
+    ways: dict[int, PushedIn] = field(default_factory=dict)
     finding: PushResult = PushResult.NOTHING
     last: PushedIn = "larger"
     exchanged: bool = False
@@ -310,12 +310,12 @@ class SpindleCheck:
     @property
     def done(self) -> bool:
         """Whether each indicator was found where it was asked for."""
-        return len(self.found) == len(self.instruments)
+        return len(self.ways) == len(self.instruments)
 
     @property
     def asked(self) -> int:
         """The indicator whose spindle is to be pushed next."""
-        return next((k for k in range(len(self.instruments)) if k not in self.found), 0)
+        return next((k for k in range(len(self.instruments)) if k not in self.ways), 0)
 
     def look(self, states: Sequence[Live]) -> bool:
         """What the indicators show now. Returns whether a push came to its end."""
@@ -361,7 +361,7 @@ class SpindleCheck:
             self.finding = PushResult.SIGN
         else:
             self.finding = PushResult.RIGHT
-            self.found[self.asked] = self.last
+            self.ways[self.asked] = self.last
 
     def exchange(self) -> None:
         """The hand was right, the ports are not: each indicator takes the axes of the other.
@@ -374,14 +374,14 @@ class SpindleCheck:
             first.model_copy(update={"axes": second.axes}),
         )
         pushed, self.exchanged = self.asked, not self.exchanged
-        self.found = {pushed: self.last}
+        self.ways = {pushed: self.last}
         self.finding, self._rest_mm = PushResult.RIGHT, ()
 
     def remark(self) -> str:
         """What goes into the record."""
         parts = ["ports exchanged"] if self.exchanged else []
         for k, instrument in enumerate(self.instruments):
-            way = self.found.get(k)
+            way = self.ways.get(k)
             push_words = f"pushed by hand, read {way} pushed in" if way else "not pushed by hand"
             parts.append(f"{indicator_words(k, instrument)} {push_words}")
         return "before the first reading: " + "; ".join(parts)
@@ -389,6 +389,6 @@ class SpindleCheck:
     def known(self) -> tuple[Instrument, ...]:
         """The indicators in their order, with what the pushes told of their sign."""
         return tuple(
-            instrument.model_copy(update={"pushed_in": self.found.get(k, instrument.pushed_in)})
+            instrument.model_copy(update={"pushed_in": self.ways.get(k, instrument.pushed_in)})
             for k, instrument in enumerate(self.instruments)
         )

@@ -47,7 +47,7 @@ class HexaSlideScreen(PagedScreen[None]):
         super().__init__()
         self.request = request or Request(ProcedureKind.POSE_INVERSE)
         self.view: HexaSlideSeen | None = None
-        self.found: BestPostures | None = None
+        self.best_postures: BestPostures | None = None
         self._conditions: dict[str, float] | None = None
         self.searching = False
         self._count = 0
@@ -59,7 +59,7 @@ class HexaSlideScreen(PagedScreen[None]):
     def _look(self, request: Request) -> None:
         """See what another procedure or machine gives; a search of before ends."""
         self._end_search()
-        self.request, self.view, self.found, self._conditions = request, None, None, None
+        self.request, self.view, self.best_postures, self._conditions = request, None, None, None
         self.begin_to_look(texts.heading_text(request.machine_file, None), texts.LOOKING)
         self.look(lambda: look_at(hexaslide_planning(request)), self._seen, texts.problem_text)
 
@@ -69,7 +69,7 @@ class HexaSlideScreen(PagedScreen[None]):
         self._show_all()
 
     def _show_all(self) -> None:
-        view, best = self.view, self.found
+        view, best = self.view, self.best_postures
         if view is None:
             return
         self.put("sees", texts.sees_text(view, best, self._conditions))
@@ -83,12 +83,17 @@ class HexaSlideScreen(PagedScreen[None]):
     def _show_search(self) -> None:
         """Its words alone: nothing is drawn again when it ends."""
         if self.view is not None:
-            text = texts.search_text(self.view, self._count, self.found, searching=self.searching)
+            text = texts.search_text(
+                self.view, self._count, self.best_postures, searching=self.searching
+            )
             self.put("search", text)
 
     def _draw_machine(self) -> None:
         assert self.view is not None, "shown with it alone"
-        machine, postures = self.view.machine, self.found.coordinates if self.found else ()
+        machine, postures = (
+            self.view.machine,
+            self.best_postures.coordinates if self.best_postures else (),
+        )
         at = postures[self._drawn_at - 1] if self._drawn_at else machine.box.centre
         pair = drawn_machine(machine, at)
         self.put("drawn", texts.drawn_at_text(self._drawn_at, len(postures)), *pair)
@@ -108,7 +113,7 @@ class HexaSlideScreen(PagedScreen[None]):
     def _begin_anew(self, count: int, *, searching: bool = False) -> None:
         """So many postures are searched for; what was found before is gone."""
         self._end_search()
-        self._count, self.searching, self.found, self._drawn_at = count, searching, None, 0
+        self._count, self.searching, self.best_postures, self._drawn_at = count, searching, None, 0
         self._conditions = None
         self._show_all()
 
@@ -125,7 +130,7 @@ class HexaSlideScreen(PagedScreen[None]):
         try:
             with self.app.complaining():
                 while step := await apart(self, next, steps, None):
-                    self.found, self._conditions = step
+                    self.best_postures, self._conditions = step
                     self._show_all()
         finally:  # a search does not outlive its worker, and that not its screen
             stopped.set()
@@ -138,8 +143,8 @@ class HexaSlideScreen(PagedScreen[None]):
 
     def action_draw(self, by: int) -> None:
         """The machine at the next of the postures that were found; 0 is the middle of the box."""
-        if self.found is not None:
-            self._drawn_at = (self._drawn_at + by) % (len(self.found.coordinates) + 1)
+        if self.best_postures is not None:
+            self._drawn_at = (self._drawn_at + by) % (len(self.best_postures.coordinates) + 1)
             self._draw_machine()
 
     def action_back(self) -> None:

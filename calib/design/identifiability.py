@@ -336,7 +336,7 @@ class SeenBy:
 
     machine: str
     examined: Examination
-    found: Identifiability
+    identifiability: Identifiability
     unidentifiable: tuple[Combination, ...]
     weak: tuple[Combination, ...]
     qr: ClassicalQr
@@ -346,8 +346,8 @@ class SeenBy:
         """Too few values for the parameters, or nothing but the geometry."""
         reachable = self.examined.reachable_rank
         if reachable is not None:
-            return "too-few-postures" if self.found.rank < reachable else "nothing"
-        few = self.examined.independent_count < len(self.found.names)
+            return "too-few-postures" if self.identifiability.rank < reachable else "nothing"
+        few = self.examined.independent_count < len(self.identifiability.names)
         return "too-few-postures" if few else "nothing"
 
 
@@ -375,7 +375,7 @@ def seen_by(machine: PlannedMachine) -> SeenBy:
     return SeenBy(
         machine=machine.name,
         examined=examined,
-        found=analysis,
+        identifiability=analysis,
         unidentifiable=directions[:first_weak],
         weak=directions[first_weak:],
         qr=classical_qr(examined.bare, names),

@@ -147,7 +147,7 @@ class Checked:
     """
 
     start: FloatArray
-    found: Calibration
+    fit: Calibration
     fewest: int
     numbers: tuple[int, ...]
     by_column: FloatArray
@@ -174,7 +174,7 @@ def checked_calibration(
         held_out = HeldOut(checked.numbers, *left)
     return Checked(
         start=nominal.parameters(calibrated.names),
-        found=calibrated,
+        fit=calibrated,
         fewest=fewest,
         numbers=fitted.numbers,
         by_column=by_column,

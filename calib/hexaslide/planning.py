@@ -255,7 +255,7 @@ def conditions_at(view: HexaSlideSeen, postures: FloatArray) -> dict[str, float]
     """The same at postures ``(p, 6)``."""
     rows = sensitivity(view.procedure, view.machine, postures).jacobian
     scale = Scale.of(view.procedure, view.machine)
-    return conditions_by_units(view.procedure, rows, view.seen.found.rank, scale)
+    return conditions_by_units(view.procedure, rows, view.seen.identifiability.rank, scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,7 +326,7 @@ class HexaSlideSeen:
         """Names of the combinations that no posture shows."""
         all_seen = reachable(self.procedure, self.machine)
         never = basis_of(all_seen.unseen_vectors.T, EXACT_BLIND)
-        directions = self.seen.found.unseen
+        directions = self.seen.identifiability.unseen
         return tuple(
             direction.combination
             for direction in directions
@@ -340,7 +340,7 @@ class HexaSlideSeen:
         """
         procedure, postures = self.procedure, self.planned.postures()
         all_seen = reachable(procedure, self.machine).rank
-        sets = [(postures, self.seen.found.rank)]
+        sets = [(postures, self.seen.identifiability.rank)]
         few = PUBLISHED_SETS[procedure.kind].count
         if self.planned.usual and len(postures) > few:
             subset = postures[:few]
@@ -358,7 +358,7 @@ def look_at(planned: HexaSlidePlanning) -> HexaSlideSeen:
     seen_parts = seen_by(planned)
     scale = Scale.of(planned.procedure, planned.machine)
     conditions = conditions_by_units(
-        planned.procedure, seen_parts.examined.bare, seen_parts.found.rank, scale
+        planned.procedure, seen_parts.examined.bare, seen_parts.identifiability.rank, scale
     )
     return HexaSlideSeen(planned, seen_parts, conditions)
 

@@ -101,7 +101,7 @@ class BestPostures:
     ``values`` holds the criterion that each start so far came to, in their order; ``rank``
     combinations of the parameters are seen of ``reachable_rank`` that more postures show, all
     figures are of those. ``begin`` ``(p, 6)`` is where the best search began, ``coordinates``
-    ``(p, 6)`` where it ended, ``start`` and ``found`` are the criteria of papers/001 before and
+    ``(p, 6)`` where it ended, ``start`` and ``criteria`` are the criteria of papers/001 before and
     after, ``seconds`` are those of all searches.
     """
 
@@ -111,7 +111,7 @@ class BestPostures:
     coordinates: FloatArray
     refined: RefinedPostures
     start: Observability
-    found: Observability
+    criteria: Observability
     start_on_bound: int
     values: tuple[float, ...]
     rank: int
@@ -141,7 +141,7 @@ class BestPostures:
     @property
     def condition_number(self) -> float:
         """Of the postures found."""
-        return self.found.condition_number
+        return self.criteria.condition_number
 
 
 class Space:
@@ -477,7 +477,7 @@ def _described(
         coordinates=end,
         refined=refined,
         start=figures[0],
-        found=figures[1],
+        criteria=figures[1],
         start_on_bound=count_on_bound(space.begin(begin), space.lower, space.upper),
         values=(),
         rank=rank,

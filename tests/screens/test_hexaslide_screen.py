@@ -180,7 +180,7 @@ async def test_search_shows_start_and_optimum_and_stops(gate: Gate) -> None:
         await until(pilot, "the page", lambda: page(interface) == "search")
         assert "Searching for 9 postures" in text(interface, "#search-text")
         gate.first.set()
-        await until(pilot, "a first start", lambda: screen.found is not None)
+        await until(pilot, "a first start", lambda: screen.best_postures is not None)
         assert "start 1 of 8" in text(interface, "#search-text")
         assert "papers/001 140.2" in text(interface, "#search-text")
         assert screen.searching
@@ -211,7 +211,7 @@ async def test_search_shows_start_and_optimum_and_stops(gate: Gate) -> None:
 
 def check_found(screen: HexaSlideScreen) -> None:
     """Both condition numbers once more, from the derivatives themselves."""
-    optimum, view = screen.found, screen.view
+    optimum, view = screen.best_postures, screen.view
     assert optimum is not None
     assert view is not None
     machine, best = view.machine, optimum
@@ -256,7 +256,7 @@ async def test_leaving_while_it_searches(gate: Gate) -> None:
         await until(pilot, "the end of the search", lambda: gate.left == 1)
         await looked(pilot, interface, HexaSlideScreen)
         assert not screen.searching
-        assert screen.found is None
+        assert screen.best_postures is None
         await pilot.press("escape")
         await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
         await pilot.press("f10")
@@ -291,10 +291,10 @@ async def test_count_of_postures(gate: Gate) -> None:
         await enter(pilot, interface, "10")
         gate.first.set()
         await pilot.press("o")
-        await until(pilot, "a first start", lambda: screen.found is not None)
+        await until(pilot, "a first start", lambda: screen.best_postures is not None)
         assert gate.counts[0] == 10
-        assert screen.found is not None
-        assert len(screen.found.coordinates) == 10
+        assert screen.best_postures is not None
+        assert len(screen.best_postures.coordinates) == 10
         await pilot.press("escape")
         await until(pilot, "the end of the search", lambda: gate.left == len(gate.counts) - 1)
         await pilot.press("f10")

@@ -104,7 +104,7 @@ def residual_charts(result: CalibratedMachine) -> tuple[Chart, ...]:
     """What the calibrated machine leaves at each posture: lengths in µm and angles in µrad, where
     there are any.
     """
-    after = result.found.after
+    after = result.fit.after
     columns = (1e6 * after.values).T.tolist()
     posture_numbers = tuple(map(float, result.numbers))
     charts = []

@@ -132,7 +132,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
             Section("What to enter in the controller", [enter, _values(calibration, calibrated)]),
             Section(
                 "Parameters",
-                [parameter_table(document), *figure_lines(document, calibration.found.factor)],
+                [parameter_table(document), *figure_lines(document, calibration.fit.factor)],
             ),
             Section("What limits this result", _all_limits(result, document)),
             Section("What is missing from the model", missing_parts(result)),

@@ -48,21 +48,21 @@ class AlignmentReport(Report):
     session: str = of(lambda session, _: session)
     reference: str = of(lambda _, r: r.reference, "the rail that stays")
     squareness_mrad: tuple[FigureEntry, ...] = of(
-        lambda _, r: _figures(PAIRS, r.found.lean_mrad, r.found.expanded[:3]),
+        lambda _, r: _figures(PAIRS, r.alignment.lean_mrad, r.alignment.expanded[:3]),
         "positive: less than a right angle",
     )
     distance_mm: tuple[FigureEntry, ...] = of(
-        lambda _, r: _figures(AROUND, r.found.distance_mm, r.found.expanded[3:]),
+        lambda _, r: _figures(AROUND, r.alignment.distance_mm, r.alignment.expanded[3:]),
         "the first lies so much further along the third axis",
     )
     moves: tuple[MoveEntry, ...] = of(
         lambda _, r: tuple(map(MoveEntry.of, r.shims)),
         "to square, or to where the machine file has drives that are not meant to be",
     )
-    left_mm: float = of(lambda _, r: r.found.left_mm, "r.m.s. that the fit leaves")
-    noise_mm: float = of(lambda _, r: r.found.noise_mm, "of a reading")
+    left_mm: float = of(lambda _, r: r.alignment.left_mm, "r.m.s. that the fit leaves")
+    noise_mm: float = of(lambda _, r: r.alignment.noise_mm, "of a reading")
     chance: float = of(
-        lambda _, r: r.found.chance,
+        lambda _, r: r.alignment.chance,
         "probability that noise alone leaves so much; below 0.001 something else acts, and the "
         "uncertainties leave it out",
     )

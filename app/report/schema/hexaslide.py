@@ -60,7 +60,7 @@ class PaperRules(ClassicalQr):
 
 def rules_of(view: HexaSlideSeen) -> PaperRules:
     """The rules at the postures of a view."""
-    counted = len(view.seen.found.names) - len(view.seen.qr.flagged)
+    counted = len(view.seen.identifiability.names) - len(view.seen.qr.flagged)
     paper = tuple(map(ForwardDifferences.of, view.rules))
     return PaperRules(**vars(view.seen.qr), rank=counted, forward_differences=paper)
 
@@ -76,7 +76,8 @@ class HexaSlideIdentifiabilityReport(SeenReport):
         lambda _, view: view.conditions, "by units, and without"
     )
     parameter_units: dict[str, str] = of(
-        lambda r, _: {name: unit_of(name) for name in r.found.names}, "of rails' components m/m"
+        lambda r, _: {name: unit_of(name) for name in r.identifiability.names},
+        "of rails' components m/m",
     )
 
 
@@ -96,7 +97,7 @@ class HexaSlidePosturesReport(Report):
     reachable_rank: int = of(lambda r: r.reachable_rank, "those that more postures may show")
     condition_number: float = of(lambda r: r.condition_number)
     start_condition_number: float = of(lambda r: r.start_condition_number)
-    published_criteria: Observability = of(lambda r: r.found)
+    published_criteria: Observability = of(lambda r: r.criteria)
     start_published_criteria: Observability = of(lambda r: r.start)
     units: str = of(lambda r: r.units)
     space: Literal["box", "joints", "link"] = of(lambda r: r.space, "where the search moved")
@@ -146,7 +147,7 @@ class MeasuringNoiseEntry:
 
 
 def _noise(result: CalibratedMachine) -> MeasuringNoiseEntry:
-    calibrated, noise = result.found, result.source.noise
+    calibrated, noise = result.fit, result.source.noise
     stated = math.isinf(calibrated.degrees_of_freedom)
     length = None if calibrated.noise_m is None else 1000.0 * calibrated.noise_m
     angles = any(name in ANGLES for name in result.source.measured)
@@ -175,7 +176,7 @@ class HexaSlideParameter:
 
 
 def _parameters(result: CalibratedMachine) -> dict[str, HexaSlideParameter]:
-    calibrated, results = result.found, result.parameters
+    calibrated, results = result.fit, result.parameters
     entered = result.entered.parameters(calibrated.names).tolist()
     parameters = {}
     for k, name in enumerate(calibrated.names):
@@ -222,7 +223,7 @@ class ComponentResidual:
 
 
 def _by_component(result: CalibratedMachine) -> tuple[ComponentResidual, ...]:
-    after = result.found.after
+    after = result.fit.after
     sizes = 1000.0 * (after.values**2).mean(axis=0) ** 0.5
     columns = (after.names, sizes.tolist(), after.angular, result.by_column.tolist())
     return tuple(
@@ -317,7 +318,7 @@ class HexaSlideVerificationReport(Report):
     tolerance_mm: float | None = of(lambda r: r.tolerance_mm)
     decision: Literal["pass", "fail", "undecided"] | None = of(lambda r: r.decision)
     same_machine_file: bool = of(lambda r: r.same_machine, "nothing was entered")
-    lost_motions: tuple[str, ...] = of(lambda r: r.after.found.unidentifiable)
+    lost_motions: tuple[str, ...] = of(lambda r: r.after.fit.unidentifiable)
 
 
 class HexaSlideCalibrationReport(Report):
@@ -335,20 +336,20 @@ class HexaSlideCalibrationReport(Report):
     procedure: ProcedureKind = of(lambda r: r.source.procedure)
     measured: tuple[str, ...] = of(lambda r: r.source.measured)
     postures: PosturesUsed = of(PosturesUsed.of)
-    rank: int = of(lambda r: r.found.rank)
-    parameter_count: int = of(lambda r: len(r.found.names))
-    steps: int = of(lambda r: r.found.steps)
-    converged: bool = of(lambda r: r.found.converged)
-    rms_before: Rms = of(lambda r: _rms(r.found.before))
-    rms_after: Rms = of(lambda r: _rms(r.found.after))
+    rank: int = of(lambda r: r.fit.rank)
+    parameter_count: int = of(lambda r: len(r.fit.names))
+    steps: int = of(lambda r: r.fit.steps)
+    converged: bool = of(lambda r: r.fit.converged)
+    rms_before: Rms = of(lambda r: _rms(r.fit.before))
+    rms_after: Rms = of(lambda r: _rms(r.fit.after))
     noise: MeasuringNoiseEntry = of(_noise)
-    lack_of_fit: LackOfFitEntry = of(lambda r: LackOfFitEntry(r.found.lack_of_fit, r.found.p_value))
-    condition_number: float = of(lambda r: r.found.condition_number)
+    lack_of_fit: LackOfFitEntry = of(lambda r: LackOfFitEntry(r.fit.lack_of_fit, r.fit.p_value))
+    condition_number: float = of(lambda r: r.fit.condition_number)
     units: str = UNITS
     parameters: dict[str, HexaSlideParameter] = of(_parameters)
-    individually_known: tuple[str, ...] = of(lambda r: r.found.known)
-    lost_motions: tuple[str, ...] = of(lambda r: r.found.unidentifiable)
-    lost_count: int = of(lambda r: r.found.unidentifiable_count)
+    individually_known: tuple[str, ...] = of(lambda r: r.fit.known)
+    lost_motions: tuple[str, ...] = of(lambda r: r.fit.unidentifiable)
+    lost_count: int = of(lambda r: r.fit.unidentifiable_count)
     platform: PlatformReport = of(lambda r: PlatformReport.of(r.platform))
     inner_lengths: dict[str, InnerLength] = of(_inner, "26 that no frame changes")
     residuals: ResidualReport = of(ResidualReport.of)

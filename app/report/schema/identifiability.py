@@ -30,10 +30,10 @@ class SeenReport(Report):
         lambda r, _: r.examined.measured, "axis_leg, or what else is read"
     )
     postures: PosturesSeen = of_seen(lambda r, _: PosturesSeen.of(r.examined))
-    parameters: tuple[str, ...] = of_seen(lambda r, _: r.found.names)
-    rank: int = of_seen(lambda r, _: r.found.rank)
-    parameter_count: int = of_seen(lambda r, _: len(r.found.names))
-    row_count: int = of_seen(lambda r, _: r.found.row_count, "visits, or values")
+    parameters: tuple[str, ...] = of_seen(lambda r, _: r.identifiability.names)
+    rank: int = of_seen(lambda r, _: r.identifiability.rank)
+    parameter_count: int = of_seen(lambda r, _: len(r.identifiability.names))
+    row_count: int = of_seen(lambda r, _: r.identifiability.row_count, "visits, or values")
     independent_row_count: int = of_seen(
         lambda r, _: r.examined.independent_count, "different postures less zeros, or values"
     )
@@ -43,11 +43,13 @@ class SeenReport(Report):
         lambda r, _: r.examined.published_rank, "of papers/001; null where it has none"
     )
     remark: str = of_seen(lambda r, _: r.examined.remark)
-    individually_identifiable: tuple[str, ...] = of_seen(lambda r, _: r.found.individually_known)
+    individually_identifiable: tuple[str, ...] = of_seen(
+        lambda r, _: r.identifiability.individually_known
+    )
     lost_directions: tuple[Combination, ...] = of_seen(lambda r, _: r.unidentifiable)
     weak_directions: tuple[Combination, ...] = of_seen(lambda r, _: r.weak)
     condition_number: float | None = of_seen(
-        lambda r, _: finite(r.found.condition_number), "of the identifiable combinations"
+        lambda r, _: finite(r.identifiability.condition_number), "of the identifiable combinations"
     )
     units: str = of_seen(lambda r, _: r.examined.units)
     noise: str = of_seen(lambda r, _: r.examined.noise_words)

@@ -41,8 +41,12 @@ decides is where the end of the rail is when you press {align.watch}."""
 
 def aligned_text(aligned: Aligned) -> str:
     """How the rails lie to each other, from what they are to be; then the moves."""
-    figure, half, off = aligned.found, aligned.found.expanded.tolist(), aligned.found.off.tolist()
-    square = aligned.found.to_square
+    figure, half, off = (
+        aligned.alignment,
+        aligned.alignment.expanded.tolist(),
+        aligned.alignment.off.tolist(),
+    )
+    square = aligned.alignment.to_square
     names = ("from square", "miss each other") if square else ("turned", "moved")
     figures = new_table("axes", f"{names[0]}, mrad", "±", f"{names[1]}, mm", "±", left=1)
     by_pair = dict(zip(AROUND, zip(off[3:], half[3:], strict=True), strict=True))
@@ -70,7 +74,7 @@ def round_begins_text(aligned: Aligned) -> str:
     """What is to be known before a screw is turned."""
     return (
         SOMETHING_ELSE
-        if aligned.found.lacks_something
+        if aligned.alignment.lacks_something
         else UNSEEN.format(aligned.reference.upper())
     )
 

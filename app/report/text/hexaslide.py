@@ -44,7 +44,7 @@ def postures_text(best: BestPostures) -> str:
         postures.add_row(*(f"{value + 0.0:.4f}" for value in posture.values()))
     procedure, moved = best.procedure, bool(best.values)
     criteria = new_table("criteria of papers/001", *(["start", "found"] if moved else ["value"]))
-    sets = (best.start, best.found) if moved else (best.found,)
+    sets = (best.start, best.criteria) if moved else (best.criteria,)
     for name, words in PUBLISHED_WORDS.items():
         criteria.add_row(words, *(f"{getattr(posture_set, name):.4g}" for posture_set in sets))
     machine = "six telescopic legs" if procedure.telescopic else "hexaslide"
@@ -122,7 +122,7 @@ def seen_text(view: HexaSlideSeen) -> str:
 
 
 def _verdict(view: HexaSlideSeen) -> str:
-    identifiability, examined = view.seen.found, view.seen.examined
+    identifiability, examined = view.seen.identifiability, view.seen.examined
     count, reachable = len(identifiability.names), examined.reachable_rank or identifiability.rank
     words = f"{identifiability.rank} of {count} combinations of the parameters are identifiable"
     words += (
@@ -174,8 +174,8 @@ def grouped(names: list[str]) -> dict[str, list[str]]:
 
 
 def _known(view: HexaSlideSeen) -> str:
-    known_names = view.seen.found.individually_known
-    if len(known_names) == len(view.seen.found.names):
+    known_names = view.seen.identifiability.individually_known
+    if len(known_names) == len(view.seen.identifiability.names):
         return "Every parameter is identifiable alone."
     if not known_names:
         return "No parameter is identifiable alone: each is part of a combination that is not."
@@ -183,7 +183,7 @@ def _known(view: HexaSlideSeen) -> str:
 
 
 def _conditions(view: HexaSlideSeen) -> str:
-    plain, scaled = view.seen.found.condition_number, view.conditions[SCALED]
+    plain, scaled = view.seen.identifiability.condition_number, view.conditions[SCALED]
     conditions = {
         units: value
         for k, (units, value) in enumerate(view.conditions.items())
@@ -198,7 +198,7 @@ def _conditions(view: HexaSlideSeen) -> str:
 
 
 def _rule(view: HexaSlideSeen) -> str:
-    identifiability, qr = view.seen.found, view.seen.qr
+    identifiability, qr = view.seen.identifiability, view.seen.qr
     counted = len(identifiability.names) - len(qr.flagged)
     lines = [
         f"Rule of papers/001, QR in the order of the parameters, |r_ii| ≤ {qr.tolerance:.2g}: "
@@ -281,24 +281,24 @@ def problem_text(problem: Exception) -> str:
 
 
 def sees_text(
-    view: HexaSlideSeen, found: BestPostures | None, best: dict[str, float] | None
+    view: HexaSlideSeen, best_postures: BestPostures | None, best: dict[str, float] | None
 ) -> str:
     """Rank, what is lost, what is known, how many postures it takes; the paper beside it."""
     seen_by = view.seen
-    rank, count = seen_by.found.rank, len(seen_by.found.names)
+    rank, count = seen_by.identifiability.rank, len(seen_by.identifiability.names)
     published = seen_by.examined.published_rank
     paper = "" if published is None else f" (papers/001: {published})"
-    known_names = seen_by.found.individually_known
+    known_names = seen_by.identifiability.individually_known
     one_by_one = f" ({len(known_names)}): {', '.join(known_names) or 'none'}."
     if len(known_names) == count:
         one_by_one = f": all {count} parameters."
     table = new_table("condition number", *view.conditions)
     conditions = map(_number, view.conditions.values())
     table.add_row(f"{seen_by.examined.posture_count} random postures", *conditions)
-    if found is not None and best is not None:
-        start = found.start_condition_number
-        table.add_row(f"{len(found.begin)} random, the start of the search", _number(start))
-        table.add_row(f"{len(found.begin)} optimum postures", *map(_number, best.values()))
+    if best_postures is not None and best is not None:
+        start = best_postures.start_condition_number
+        table.add_row(f"{len(best_postures.begin)} random, the start of the search", _number(start))
+        table.add_row(f"{len(best_postures.begin)} optimum postures", *map(_number, best.values()))
     if (paper_set := view.published) is not None:
         table.add_row(f"papers/001: {paper_set.count} random", _number(paper_set.random))
         table.add_row(f"papers/001: {paper_set.count} optimum", _number(paper_set.best))
@@ -330,19 +330,19 @@ def _number(value: float) -> str:
 
 
 def search_text(
-    view: HexaSlideSeen, count: int, found: BestPostures | None, *, searching: bool
+    view: HexaSlideSeen, count: int, best: BestPostures | None, *, searching: bool
 ) -> str:
     """How the search stands, in one or two lines."""
-    if found is None:
+    if best is None:
         waiting = f"Searching for {count} postures, the first start …  {{page.back}} stops."
         change = f"{NOT_YET} Now {count} of them; {{hexaslide.count}} changes that."
         return waiting if searching else change
-    share = found.refined.on_bound / found.refined.coordinates.size
+    share = best.refined.on_bound / best.refined.coordinates.size
     paper = f", papers/001 {_number(view.published.best)}" if view.published else ""
     sentence = (
-        f"{len(found.begin)} postures, start {len(found.values)} of {found.search.starts}: "
-        f"condition number {_number(found.start_condition_number)} → "
-        f"{_number(found.condition_number)} (m, rad){paper}; {share:.0%} of the coordinates on a "
+        f"{len(best.begin)} postures, start {len(best.values)} of {best.search.starts}: "
+        f"condition number {_number(best.start_condition_number)} → "
+        f"{_number(best.condition_number)} (m, rad){paper}; {share:.0%} of the coordinates on a "
         "bound."
     )
     return wrapped(f"{sentence} {{page.back}} stops." if searching else sentence)

@@ -59,7 +59,7 @@ def calibration_text(result: CalibratedMachine) -> str:
         beside_words(result.adopted),
         "\n".join([*verdict, platform_text(document), *caveats(document)]),
         parameter_table(document),
-        "\n".join(figure_lines(document, result.found.factor)),
+        "\n".join(figure_lines(document, result.fit.factor)),
         *left_parts(document),
         "\n".join([check_words(document), *_truth(document)]),
     )
@@ -148,7 +148,7 @@ def _next_lines(verified: VerifiedMachine) -> list[str]:
         lines.append("Calibrate once more from the second session.")
     if verified.after.platform.in_frame_of_tracker:
         lines.append(OF_TRACKER)
-    if directions := verified.after.found.unidentifiable:
+    if directions := verified.after.fit.unidentifiable:
         lines.append(f"Laid over, for no reading shows it: {'; '.join(directions)}.")
     return lines
 

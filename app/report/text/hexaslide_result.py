@@ -98,7 +98,7 @@ def next_text(document: HexaSlideCalibrationReport, folder: str) -> str:
 def details_text(result: PostureResult) -> str:
     """Parameters, and what is known only together."""
     document = HexaSlideCalibrationReport.of(result.calibration)
-    lines = "\n".join(figure_lines(document, result.calibration.found.factor))
+    lines = "\n".join(figure_lines(document, result.calibration.fit.factor))
     return paragraphs(parameter_table(document), lines)
 
 

@@ -46,7 +46,7 @@ CRITERION_WORDS = {
 
 def identifiability_text(seen_by: SeenBy) -> str:
     """The sentence that matters, combinations with added measurements, then the classical test."""
-    examined, identifiability = seen_by.examined, seen_by.found
+    examined, identifiability = seen_by.examined, seen_by.identifiability
     steps = "steps" if examined.fewest_postures is None else "postures"
     return paragraphs(
         f"{seen_by.machine}, {examined.procedure}: {examined.posture_count} {steps} reading "
@@ -89,14 +89,14 @@ def plan_expected_text(plan: Plan) -> str:
 
 
 def _verdict(seen_by: SeenBy) -> str:
-    count, rank = len(seen_by.found.names), seen_by.found.rank
+    count, rank = len(seen_by.identifiability.names), seen_by.identifiability.rank
     if rank == count:
         words = f"All {count} combinations of the {count} parameters are identifiable"
         words += f", {len(seen_by.weak)} of them weakly." if seen_by.weak else "."
     else:
         words = f"{rank} of {count} combinations of the parameters are identifiable"
         words += f", {count - rank} not."
-    known_names = ", ".join(seen_by.found.individually_known) or "none"
+    known_names = ", ".join(seen_by.identifiability.individually_known) or "none"
     words += f"\nParameters identifiable alone: {known_names}."
     words += f"\n{seen_by.examined.remark}" if seen_by.examined.remark else ""
     fewest = seen_by.examined.fewest_postures

@@ -159,7 +159,7 @@ def test_postures_of_a_file(tmp_path: Path) -> None:
     path = tmp_path / "own.json"
     rows_by_name = [dict(zip(columns.split(","), row, strict=True)) for row in postures.tolist()]
     path.write_text(json.dumps({"schema": "x", "postures": rows_by_name}), encoding="utf-8")
-    assert seen_of(Request("position", posture_file=path)).seen.found.rank == 32
+    assert seen_of(Request("position", posture_file=path)).seen.identifiability.rank == 32
 
 
 @pytest.mark.parametrize(

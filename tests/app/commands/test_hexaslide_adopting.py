@@ -115,8 +115,8 @@ def test_solve_fits_the_size_beside_the_parameters(scaled: Measured) -> None:
 def test_a_cause_that_explains_the_rest_does_not_hinder_a_pass(scaled: Measured) -> None:
     """The bound counts it. Parameters alone leave more than noise, of which `solve` warns."""
     result = calibrate_file(scaled.second, None, 0.0)
-    assert result.found.p_value is not None
-    assert result.found.p_value < 1e-3
+    assert result.fit.p_value is not None
+    assert result.fit.p_value < 1e-3
     assert result.platform.bound_m is not None
     least_mm = 1000.0 * (result.platform.now.places_rms_m + result.platform.bound_m)
     assert decided(result, 1.001 * least_mm) == "pass"

@@ -63,7 +63,7 @@ def test_a_simulated_session_is_calibrated_to_its_machine(procedure: str, tmp_pa
     session, record = read_postures(path)
     assert record.end == "closed"
     result = calibrate_file(path, None, 0.0)
-    assert result.found.rank == {"position": 46, "constraint-link": 48, "link-indicator": 48}.get(
+    assert result.fit.rank == {"position": 46, "constraint-link": 48, "link-indicator": 48}.get(
         procedure, 49
     )
     nominal, truth = session.opened.machine.whole(), simulated_truth(session).whole()
@@ -71,9 +71,9 @@ def test_a_simulated_session_is_calibrated_to_its_machine(procedure: str, tmp_pa
     sliders = nominal.sliders_at(postures)
     stands = [
         np.asarray(forward_near(machine.geometry, sliders, postures))
-        for machine in (result.found.machine, truth)
+        for machine in (result.fit.machine, truth)
     ]
-    free = result.found.laid_over
+    free = result.fit.laid_over
     residual_m = frames_apart(stands[0], stands[1], free).places_rms_m
     before = frames_apart(postures, stands[1], free).places_rms_m
     assert result.platform.bound_m is not None, "whether it holds: test_hexaslide_platform"
@@ -409,7 +409,7 @@ def test_a_record_of_schema_1_is_read(pose: Path, tmp_path: Path) -> None:
     write_whole(old := tmp_path / "old.jsonl", opened, list(record.events[1:-1]), POSTURE_FORM)
     assert b'"schema":"glidecal.hexaslide-session/1"' in old.read_bytes()
     assert glidecal("validate", old).status == 0
-    first, second = (calibrate_file(path, None, 0.0).found.parameters for path in (pose, old))
+    first, second = (calibrate_file(path, None, 0.0).fit.parameters for path in (pose, old))
     assert first == pytest.approx(second, abs=0.0)
     newer = old.read_bytes().replace(b"hexaslide-session/1", b"hexaslide-session/5", 1)
     (path := tmp_path / "newer.jsonl").write_bytes(newer)

@@ -42,7 +42,7 @@ def test_the_template_is_filled_in_and_imported(pose: Path, tmp_path: Path) -> N
     assert "16 postures written" in run.err
     assert glidecal("validate", out).status == 0
     first, second = (calibrate_file(path, None, 0.0) for path in (pose, out))
-    assert first.found.parameters == pytest.approx(second.found.parameters, abs=1e-12)
+    assert first.fit.parameters == pytest.approx(second.fit.parameters, abs=1e-12)
     document = json.loads(glidecal("replay", out, "--json").out)
     assert (document["schema"], len(document["readings"])) == ("glidecal.hexaslide-replay/1", 16)
     assert document["origin"] == "imported"

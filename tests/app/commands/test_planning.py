@@ -116,7 +116,7 @@ def test_zero_added_to_the_six_differences_lets_everything_be_seen(six: Path) ->
     text = MAX_MIN.replace('["max", "min"]', '["max", "min", "zero"]')
     six.write_text(text, encoding="utf-8")
     analysis = seen_by(orthoglide(str(six), 0.02))
-    assert analysis.found.rank == 6
+    assert analysis.identifiability.rank == 6
 
 
 def test_a_cure_keeps_its_promise() -> None:

@@ -74,9 +74,9 @@ def test_pushes_of_every_kind_are_told_apart(bench: Bench) -> None:
         assert bench.push(trial, int(wrong), size_mm, crosstalk=0.2) == 1
         if wrong:
             assert trial.finding is PushResult.OTHER
-            assert not trial.found
+            assert not trial.ways
             continue
-        assert trial.found == {0: way}
+        assert trial.ways == {0: way}
         assert bench.push(trial, 1, -size_mm) == 1
         assert trial.done
         assert trial.known()[0].pushed_in == way
@@ -90,7 +90,7 @@ def test_flicker_a_touched_table_and_drift_are_no_push(bench: Bench) -> None:
         assert bench.rest(trial, 0.3) == 0
         assert bench.push(trial, 0, float(bench.chance.uniform(-0.15, 0.15)), crosstalk=0.9) == 0
     assert trial.finding is PushResult.NOTHING
-    assert not trial.found
+    assert not trial.ways
 
 
 def test_two_that_move_together_are_asked_for_one_at_a_time(bench: Bench) -> None:
@@ -98,7 +98,7 @@ def test_two_that_move_together_are_asked_for_one_at_a_time(bench: Bench) -> Non
     bench.rest(trial, 0.5)
     assert bench.push(trial, 0, 2.0, crosstalk=0.8) == 1
     assert trial.finding is PushResult.BOTH
-    assert not trial.found
+    assert not trial.ways
 
 
 def test_exchanged_ports(bench: Bench) -> None:
@@ -111,7 +111,7 @@ def test_exchanged_ports(bench: Bench) -> None:
         ("B", "yx"),
         ("A", "zy"),
     ]
-    assert (trial.found, trial.asked) == ({0: "larger"}, 1)
+    assert (trial.ways, trial.asked) == ({0: "larger"}, 1)
     bench.push(trial, 1, -2.0)
     assert trial.done
     assert [instrument.pushed_in for instrument in trial.known()] == ["larger", "smaller"]
@@ -124,9 +124,9 @@ def test_a_sign_that_is_not_the_stated_one_is_not_found(bench: Bench) -> None:
     trial = SpindleCheck((FIRST.model_copy(update={"pushed_in": "larger"}), SECOND))
     bench.rest(trial, 0.5)
     bench.push(trial, 0, -2.0)
-    assert (trial.finding, trial.last, trial.found) == (PushResult.SIGN, "smaller", {})
+    assert (trial.finding, trial.last, trial.ways) == (PushResult.SIGN, "smaller", {})
     bench.push(trial, 0, 2.0)
-    assert trial.found == {0: "larger"}
+    assert trial.ways == {0: "larger"}
 
 
 def test_what_is_held_or_mounted_anew_is_no_push(bench: Bench) -> None:
@@ -141,7 +141,7 @@ def test_what_is_held_or_mounted_anew_is_no_push(bench: Bench) -> None:
     for _ in range(3):
         bench.look(trial, (0.5, 0.0))
     assert bench.rest(trial, 2.0) == 1
-    assert trial.found == {0: "larger"}
+    assert trial.ways == {0: "larger"}
     bench.at_mm[1] += 3.0
     bench.look(trial, (0.0, 0.1))
     assert bench.rest(trial, 2.0 * HELD_S) == 0

@@ -250,14 +250,14 @@ def truly_off_mm(path: Path) -> float:
     """Truly at the platform with the machine that is exported, frames laid over."""
     session, _ = read_postures(path)
     result = calibrate_file(path, None, 0.0)
-    machine, entered = session.opened.machine.whole(), result.found.machine
+    machine, entered = session.opened.machine.whole(), result.fit.machine
     truth = simulated_truth(session).whole()
     postures = machine.box.random(300, np.random.default_rng(9))
     sliders = inverse(machine.geometry, postures)
     stands, believed = (
         forward(hexaslide.geometry, sliders, hexaslide.box) for hexaslide in (truth, entered)
     )
-    free = result.found.laid_over
+    free = result.fit.laid_over
     return 1000.0 * frames_apart(np.asarray(believed), np.asarray(stands), free).places_rms_m
 
 

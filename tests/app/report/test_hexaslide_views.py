@@ -112,13 +112,13 @@ def test_millimetres_as_if_the_machine_were_written_in_them(kind: str) -> None:
         length_m=1e3 * link.length_m,
     )
     postures = view.machine.box.random(60, np.random.default_rng(0))
-    count = len(view.seen.found.names)
+    count = len(view.seen.identifiability.names)
     rows = jacobian(view.procedure, metres, postures, link).reshape(-1, count)
     scale = np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0])
     jacobian_mm = jacobian(view.procedure, big, scale * postures, long).reshape(-1, count)
     converted = in_units(view.procedure, rows, MILLIMETRES)
     assert converted == pytest.approx(jacobian_mm, rel=1e-9, abs=1e-9 * np.abs(jacobian_mm).max())
-    rank = view.seen.found.rank
+    rank = view.seen.identifiability.rank
     assert view.conditions["mm, rad"] == pytest.approx(condition(jacobian_mm, rank), rel=1e-6)
 
 

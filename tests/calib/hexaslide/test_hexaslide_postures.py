@@ -214,7 +214,7 @@ def test_figures_of_the_paper_are_those_of_its_formulas() -> None:
     design = best_postures(procedure, H60, 10, Search(Criterion.DETERMINANT, starts=1))
     for postures, figures in (
         (H60.box.random(10, np.random.default_rng(0)), design.start),
-        (design.refined.coordinates, design.found),
+        (design.refined.coordinates, design.criteria),
     ):
         flat = jacobian(procedure, H60.geometry, postures).reshape(-1, 49)
         sigma = singular_values(procedure, postures, 49)
@@ -258,7 +258,7 @@ def test_postures_that_are_given_are_the_first_start_and_only_get_better() -> No
         float(np.linalg.cond(jacobian(procedure, H60.geometry, start).reshape(-1, 49)))
     )
     design = best_postures(procedure, H60, 9, Search(starts=1, given=start))
-    assert design.start == first.found
+    assert design.start == first.criteria
     assert design.condition_number < first.condition_number / 10.0
     again = best_postures(procedure, H60, 9, Search(starts=1, given=design.refined.coordinates))
     assert again.condition_number <= design.condition_number

@@ -80,7 +80,7 @@ def solve(
     `SessionSolution.correction` is for a ``frame``, that of the machine file where none is named;
     ``subset`` and ``method`` choose the view. With a ``model`` the sizes of its effects are fitted,
     too. `SessionSolution.solution` holds ``values_mm`` ``(k,)`` and ``covariance_mm2`` ``(k, k)``
-    by ``names``.
+    by ``names``; it raises NotIdentifiable where the readings determine no set.
     """
     from app.evaluating.solution import solve_sessions
     from protocols.model_file import read_model_file

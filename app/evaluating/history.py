@@ -342,7 +342,7 @@ def _entry_of(path: Path, content: bytes, *, effects: bool) -> Entry:
         verifies=opened.verifies,
     )
     try:
-        entered = solve_sessions([session], shown=False).correction
+        entered = solve_sessions([session]).correction
         names = _named(session) if effects else None
     except GlidecalError as problem:
         return entry.model_copy(update={"problem": f"{problem}"})

@@ -447,11 +447,10 @@ def solve_sessions(
     model: ModelFile | None = None,
     frame: Frame | None = None,
     holds: Holds = "offsets",
-    shown: bool = True,
 ) -> SessionSolution:
     """Identify; without a subset joint offsets are the view, or what takes their place.
 
-    Where none is ``shown`` a set is identified when it is first asked for.
+    That is identified when it is first asked for: what is entered needs no set.
 
     The correction is for a ``frame``, that of the machine file where none is named, and for a
     controller that ``holds`` so much. The sizes of a model's effects are fitted with the
@@ -483,7 +482,7 @@ def solve_sessions(
 
         result = replace(result, ambiguous=ambiguous_effects(model), held=held_sizes(model))
     leans = bool(observations.over_plane.any())
-    return result.with_subset(result.subset) if shown or leans else result
+    return result.with_subset(result.subset) if subset or leans else result
 
 
 def _of(
@@ -537,7 +536,6 @@ def solve_files(
     model: Path | None = None,
     frame: Frame | None = None,
     holds: Holds = "offsets",
-    shown: bool = True,
 ) -> SessionSolution:
     """`load_sessions` and `solve_sessions` in one step, with the warnings."""
     sessions, warnings = load_sessions(paths)
@@ -554,7 +552,6 @@ def solve_files(
         model=model_file,
         frame=frame,
         holds=holds,
-        shown=shown,
     )
     return replace(result, warnings=tuple(warnings))
 

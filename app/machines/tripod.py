@@ -222,7 +222,6 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
             model=options.model,
             frame=options.frame,
             holds=options.holds,
-            shown=options.subset is not None,
         ).work_out()
     for warning in result.warnings:
         say(f"glidecal: {warning}")

@@ -280,7 +280,7 @@ def next_measurement(
     asked_mm = None if sessions and noise_mm is None else stated.standard_deviation_mm
     entered = correction(weighted, holds, frame or machine.frame)
     planner = Planner(weighted, entered, tuple(measurements), asked_mm)
-    words = words if asked_mm else f"{planner.forecast.noise_mm:.4g} mm, from the sessions"
+    words = words if asked_mm else f"{planner.forecast.noise_mm:.2g} mm, from the sessions"
     names = tuple(session.name for session in sessions)
     return MeasurementPlan(names, machine.name, words, planner)
 

@@ -283,7 +283,7 @@ def offsets_from_files(
     if len(paths) == 1 and is_model(paths[0]):
         return _offsets_from_model(paths[0])
     view = subset is not None or method != "exact"
-    result = solve_files(paths, subset=subset, method=method, model=model, frame=frame, shown=view)
+    result = solve_files(paths, subset=subset, method=method, model=model, frame=frame)
     offsets = offsets_from_result(result, view=view)
     return replace(offsets, cautions=(*map(one_line, result.warnings), *offsets.cautions))
 

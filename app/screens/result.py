@@ -190,5 +190,5 @@ def result_of(
     paths: Sequence[Path], model: Path | None = None, *, verified: bool = True
 ) -> ResultScreen:
     """That of sessions, with the effects of a model; with a plan where it may be ``verified``."""
-    result = solve_files(paths, model=model, shown=False)
+    result = solve_files(paths, model=model)
     return ResultScreen(result, plan_to_repeat(paths[0]) if verified else None, paths[0], model)

@@ -66,21 +66,21 @@ def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
             *_bounds(frame, then, "with the values entered, predicted"),
         ],
     )
-    view = result.solution
-    columns = (view.values_mm, view.expanded_mm, view.uncertainty_mm)
-    yield Result(
-        f"Identified parameters, set {view.subset}",
-        "The uncertainty is of the noise of the readings and of parts within their tolerance."
-        if view.subset == "with-tolerances"
-        else "The uncertainty is of the noise of the readings alone; parts may be off within their "
-        "tolerance beside it.",
-        [
-            value_in_mm(name, value, (wide, u))
-            for name, value, wide, u in zip(
-                view.names, *(column.tolist() for column in columns), strict=True
-            )
-        ],
-    )
+    if view := result.view_solution:
+        columns = (view.values_mm, view.expanded_mm, view.uncertainty_mm)
+        yield Result(
+            f"Identified parameters, set {view.subset}",
+            "The uncertainty is of the noise of the readings and of parts within their tolerance."
+            if view.subset == "with-tolerances"
+            else "The uncertainty is of the noise of the readings alone; parts may be off within their "
+            "tolerance beside it.",
+            [
+                value_in_mm(name, value, (wide, u))
+                for name, value, wide, u in zip(
+                    view.names, *(column.tolist() for column in columns), strict=True
+                )
+            ],
+        )
     if not calibration.verified:
         return
     later = calibration.verified.compared.after

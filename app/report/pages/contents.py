@@ -73,6 +73,7 @@ from app.report.text.result import (
     size_table,
     subset_table,
     verdict_words,
+    view_parts,
     what_to_do,
 )
 from app.report.text.tables import LEAST_MM, new_table, signed, uncertain
@@ -87,6 +88,8 @@ from protocols.machine import Machine
 from protocols.model_file import read_model_file
 from protocols.procedure import Step
 from protocols.session import Reading, Session
+
+VIEW = "Parameters as the papers identify them"
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,8 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
     """The report of results that are there."""
     result, verified = calibration.result, calibration.verified
     diagnosis = calibration.diagnosed.diagnosis
-    legs, limits = leg_figures(result), limits_of(calibration)
+    has_view, limits = result.view_solution is not None, limits_of(calibration)
+    legs = leg_figures(result) if has_view else ()
     sections = [
         Section(
             "What was measured",
@@ -128,13 +132,11 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
             ],
         ),
         _controller(result, calibration.judged_words if verified else "", calibration.model),
-        _view(result),
-        _budget(result),
+        *([_view(result), _budget(result)] if has_view else [Section(VIEW, view_parts(result))]),
         *([_again(verified)] if verified else []),
         *([Section("What limits this result", limits)] if limits else []),
         _missing(calibration.diagnosed),
-        _fit(result),
-        _legs(legs),
+        *([_fit(result), _legs(legs)] if has_view else []),
         _doubted(result, calibration.sessions),
         *map(_readings, calibration.sessions),
     ]
@@ -278,7 +280,7 @@ def _view(result: SessionSolution) -> Section:
         "r.m.s., on three planes through Zero."
     )
     return Section(
-        "Parameters as the papers identify them",
+        VIEW,
         [
             verdict_words(result),
             noise_words(result),

@@ -52,6 +52,8 @@ def changed_lines(corrections: ControllerCorrections, names: Sequence[str]) -> l
 
 def caveats_of_view(result: SessionSolution) -> list[str]:
     """What to know of the set of parameters that is shown, one line each, the gravest first."""
+    if result.view_solution is None:
+        return []
     return [*_of_the_fit(result), *_of_weak_directions(result), *_of_residuals(result)]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -144,10 +145,14 @@ def test_a_leg_in_micrometres_has_values_though_no_set_fits(tmp_path: Path) -> N
     assert "View: none. exact identification: found no optimum within reach" in words
     out = tmp_path / "offsets.csv"
     assert glidecal("export", tmp_path / "t.jsonl", "--format", "csv", "-o", out).status == 0
+    report = glidecal("report", tmp_path / "t.jsonl", "-o", "-")
+    page = " ".join(re.sub("<[^>]*>", " ", report.out).split())
+    assert "View: none. exact identification: found no optimum within reach" in page
     for line in out.read_text("utf-8").splitlines():
         if line.startswith("d_rho"):
             name, value, *_ = line.split(",")
             assert f"{name} {float(value):+.4f} mm" in words
+            assert f"{name} {float(value):+.4f} mm" in page
     document = json.loads(glidecal("solve", tmp_path / "t.jsonl", "--json").out)
     assert document["subset"] is document["parameters"] is document["differences"] is None
     for name, entry in document["correction"]["values"].items():
@@ -399,7 +404,7 @@ def test_plan_goes_by_the_noise_of_the_readings_unless_another_is_asked_for(
     plan = json.loads(glidecal("plan", session, "--json").out)
     noise = document(tmp_path, rows())["noise"]["standard_deviation_mm"]
     assert plan["noise_mm"] == pytest.approx(noise, rel=0.2)
-    assert plan["noise"] == f"{plan['noise_mm']:.4g} mm, from the sessions"
+    assert plan["noise"] == f"{plan['noise_mm']:.2g} mm, from the sessions"
     coarse = json.loads(glidecal("plan", session, "--json", "--noise", "0.05").out)
     assert (coarse["noise_mm"], coarse["bound_mm"]) == (0.05, plan["bound_mm"])
     assert coarse["next"]["bound_mm"] > plan["next"]["bound_mm"]

@@ -423,7 +423,7 @@ def test_one_machine_of_several(tmp_path: Path) -> None:
 )
 def test_what_to_enter_needs_no_set_of_parameters(name: str) -> None:
     session = read_record(SAMPLES / f"{name}.jsonl").session
-    alone, result = solve_sessions([session], shown=False), solve_sessions([session])
+    alone, result = solve_sessions([session]), solve_sessions([session])
     assert alone.joint_offsets_mm == result.joint_offsets_mm
     assert alone.correction.bound_mm == result.correction.bound_mm
     assert [*alone.choice.identified] == ([*result.choice.identified] if "plane" in name else [])

@@ -16,6 +16,7 @@ from app.report.dcc.document import (
 )
 from app.report.text.correction import FREE_WORDS, frames_of
 from calib.arrays import LEG_NAMES
+from calib.identify.solution import Solution
 from calib.posterior.tool import Frame
 from protocols.dates import is_dated, measured_days
 from protocols.session import Session
@@ -67,20 +68,7 @@ def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
         ],
     )
     if view := result.view_solution:
-        columns = (view.values_mm, view.expanded_mm, view.uncertainty_mm)
-        yield Result(
-            f"Identified parameters, set {view.subset}",
-            "The uncertainty is of the noise of the readings and of parts within their tolerance."
-            if view.subset == "with-tolerances"
-            else "The uncertainty is of the noise of the readings alone; parts may be off within their "
-            "tolerance beside it.",
-            [
-                value_in_mm(name, value, (wide, u))
-                for name, value, wide, u in zip(
-                    view.names, *(column.tolist() for column in columns), strict=True
-                )
-            ],
-        )
+        yield _of_view(view)
     if not calibration.verified:
         return
     later = calibration.verified.compared.after
@@ -95,6 +83,24 @@ def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
         [
             value_in_mm(offset.name, offset.found_mm, (offset.expanded_mm, offset.standard_mm))
             for offset in calibration.verified.offsets
+        ],
+    )
+
+
+def _of_view(view: Solution) -> Result:
+    """The parameters of one set of the papers."""
+    columns = (view.values_mm, view.expanded_mm, view.uncertainty_mm)
+    return Result(
+        f"Identified parameters, set {view.subset}",
+        "The uncertainty is of the noise of the readings and of parts within their tolerance."
+        if view.subset == "with-tolerances"
+        else "The uncertainty is of the noise of the readings alone; parts may be off within their "
+        "tolerance beside it.",
+        [
+            value_in_mm(name, value, (wide, u))
+            for name, value, wide, u in zip(
+                view.names, *(column.tolist() for column in columns), strict=True
+            )
         ],
     )
 

@@ -39,9 +39,9 @@ def value_and_deviation(posterior: Posterior, law: tuple[object, str]) -> tuple[
     return middle, float(np.sqrt(square))
 
 
-@pytest.mark.parametrize("observed", first_quick([SWEEP, TWO_STATION]))
-def test_a_wrong_size_of_the_model_is_found_again(observed: object) -> None:
-    session = case(observed, EffectInstance(PLAY, "z", (0.05,)), seed=4)  # type: ignore[arg-type]
+@pytest.mark.parametrize("observations", first_quick([SWEEP, TWO_STATION]))
+def test_a_wrong_size_of_the_model_is_found_again(observations: object) -> None:
+    session = case(observations, EffectInstance(PLAY, "z", (0.05,)), seed=4)  # type: ignore[arg-type]
     free = posterior([adopted(session, EffectInstance(PLAY, "z", (0.03,)))])
     diagnosis = diagnosis_of(free)
     assert diagnosis.verdict == "agrees"

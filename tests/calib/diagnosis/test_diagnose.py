@@ -30,7 +30,7 @@ from tests.conftest import LONG, first_quick
 
 
 @LONG
-@pytest.mark.parametrize("observed", first_quick([SHORT, SWEEP, TWO_STATION]))
+@pytest.mark.parametrize("observations", first_quick([SHORT, SWEEP, TWO_STATION]))
 def test_nothing_missing_agrees_and_says_what_would_have_been_seen(
     observations: Observations,
 ) -> None:

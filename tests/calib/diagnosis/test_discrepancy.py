@@ -101,7 +101,7 @@ def test_adopted_it_is_gone_and_the_model_agrees() -> None:
 
 
 @LONG
-@pytest.mark.parametrize("observed", [SWEEP, TWO_STATION])
+@pytest.mark.parametrize("observations", [SWEEP, TWO_STATION])
 def test_noise_has_no_law(observations: Observations) -> None:
     for seed in range(4):
         assert diagnose([case(observations, seed=seed)], []).left_over is None

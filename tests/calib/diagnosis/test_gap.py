@@ -41,7 +41,7 @@ def left_by_the_true_effect_mm(cells: Cells, effect: EffectInstance) -> float:
 
 
 @LONG
-@pytest.mark.parametrize("observed", [SWEEP, TWO_STATION])
+@pytest.mark.parametrize("observations", [SWEEP, TWO_STATION])
 def test_readings_left_out_are_predicted_as_well_as_by_the_true_effect(
     observations: Observations,
 ) -> None:

@@ -80,7 +80,7 @@ class Refit:
 
 
 @LONG
-@pytest.mark.parametrize("observed", first_quick([SHORT, SWEEP]), ids=["short", "sweep"])
+@pytest.mark.parametrize("observations", first_quick([SHORT, SWEEP]), ids=["short", "sweep"])
 @pytest.mark.parametrize("sessions", [1, 2])
 def test_what_is_missed_is_that_of_a_refit_without_the_rows(
     observations: Observations, sessions: int

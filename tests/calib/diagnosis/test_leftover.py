@@ -69,7 +69,7 @@ def dense(
 
 
 @pytest.mark.parametrize("sessions", [1, 2])
-@pytest.mark.parametrize("observed", [SHORT, SWEEP, TWO_STATION])
+@pytest.mark.parametrize("observations", [SHORT, SWEEP, TWO_STATION])
 @pytest.mark.parametrize("in_model", [False, True])
 def test_a_gap_is_that_of_dense_least_squares(
     observations: Observations, sessions: int, in_model: bool

@@ -34,7 +34,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
 from tests.conftest import LONG, first_quick
 
 
-@pytest.mark.parametrize("observed", first_quick([SWEEP, TWO_STATION]))
+@pytest.mark.parametrize("observations", first_quick([SWEEP, TWO_STATION]))
 @pytest.mark.parametrize("lead_mm", first_quick([8.0, 25.0, 13.3]))
 def test_any_lead_is_found(observations: Observations, lead_mm: float) -> None:
     """Leads of which four that were tried before hold 8, 25 and 13.3 mm for 10, 20 and 20."""

@@ -50,7 +50,7 @@ def within(observations: Observations, shares: tuple[float, float], seed: int) -
     return with_values(session, value)
 
 
-@pytest.mark.parametrize("observed", first_quick([SHORT, SWEEP]), ids=["short", "sweep"])
+@pytest.mark.parametrize("observations", first_quick([SHORT, SWEEP]), ids=["short", "sweep"])
 @pytest.mark.parametrize("shares", first_quick([(0.5, 0.4), (0.6, 0.0)]))
 def test_a_first_take_within_a_play_is_named_and_the_play_keeps_its_size(
     observations: Observations, shares: tuple[float, float]
@@ -73,7 +73,7 @@ def test_a_first_take_within_a_play_is_named_and_the_play_keeps_its_size(
     assert abs(size_mm - PLAY_MM) < 2.0 * math.sqrt(square)
 
 
-@pytest.mark.parametrize("observed", first_quick([SHORT, SWEEP]), ids=["short", "sweep"])
+@pytest.mark.parametrize("observations", first_quick([SHORT, SWEEP]), ids=["short", "sweep"])
 @pytest.mark.parametrize("settled_mm", first_quick([0.06, 0.2]))
 def test_a_stand_that_settled_is_named_beside_the_play_of_another_carriage(
     observations: Observations, settled_mm: float

@@ -43,7 +43,7 @@ def changed(session: SessionCase, rows: IntArray, value_mm: FloatArray) -> Poste
     return posterior([with_values(session, value)])
 
 
-@pytest.mark.parametrize("observed", [SHORT, SWEEP], ids=["short", "sweep"])
+@pytest.mark.parametrize("observations", [SHORT, SWEEP], ids=["short", "sweep"])
 @pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_in_a_clean_session_nothing_is_exchanged(observations: Observations, seed: int) -> None:
     assert not named(posterior([case(observations, seed=seed)]), least=0.05)

@@ -75,7 +75,7 @@ def dense(result: Posterior, model: Weighted) -> tuple[FloatArray, FloatArray]:
 
 
 @pytest.mark.parametrize(
-    "observed", first_quick([SHORT, TWO_STATION]), ids=["zero-max-min", "two-station"]
+    "observations", first_quick([SHORT, TWO_STATION]), ids=["zero-max-min", "two-station"]
 )
 @pytest.mark.parametrize(
     "effects", first_quick([(), (hidden("gravity_sag", "y", 0.3),)]), ids=["nothing", "sag"]

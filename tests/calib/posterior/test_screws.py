@@ -86,7 +86,7 @@ class Readings:
         return np.asarray(waves / np.sqrt(cells.variance_mm2)[:, None])
 
 
-@pytest.mark.parametrize("observed", [SWEEP, TWO_STATION], ids=["sweep", "two-station"])
+@pytest.mark.parametrize("observations", [SWEEP, TWO_STATION], ids=["sweep", "two-station"])
 @pytest.mark.parametrize("lead_mm", first_quick([8.0, 13.3, 25.0]))
 @pytest.mark.parametrize("sessions", first_quick([1, 2]))
 def test_leads_that_are_added_explain_as_much_as_any(

@@ -24,7 +24,7 @@ class Verbs(TyperGroup):
     """What a person reads of an option that does not fit is in our words, as of a file."""
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 (typer's own)
-        """As any group. Raises BadParameter."""
+        """Run a verb like any group of commands. Raises BadParameter."""
         try:
             return super().invoke(ctx)
         except typer.BadParameter as problem:
@@ -70,7 +70,7 @@ def home(
         bool, typer.Option("--no-animations", help="Nothing on the screen glides or fades.")
     ] = False,
 ) -> None:
-    """Without a verb, open the terminal interface."""
+    """Open the terminal interface where no verb is given."""
     if no_animations:
         os.environ["TEXTUAL_ANIMATIONS"] = "none"  # Textual reads it once, when imported
     if context.invoked_subcommand is None:

@@ -127,7 +127,7 @@ class BoundKey(NamedTuple):
 
     @property
     def name(self) -> str:
-        """For messages."""
+        """Name for messages."""
         return self.id or self.words or self.action
 
 

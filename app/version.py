@@ -23,7 +23,7 @@ COMMIT = re.compile(rf"([0-9a-f]{{{DIGITS}}})[0-9a-f]{{31,55}}")
 
 @cache
 def version() -> str:
-    """By PEP 440, the commit behind the ``+``: ``0.1.0.dev752+g84cc33ab2``."""
+    """Version by PEP 440, the commit behind the ``+``: ``0.1.0.dev752+g84cc33ab2``."""
     if (HOME / ".git").exists():
         commit = COMMIT.fullmatch(_head(HOME / ".git"))
         return f"{NEXT_RELEASE}+g{commit[1]}.checkout" if commit else f"{NEXT_RELEASE}+checkout"

@@ -77,7 +77,7 @@ class Conditions:
         return len(self.leg)
 
     def take(self, rows: NDArray[Any] | Sequence[int]) -> Self:
-        """The same kind of object with only these rows (indices or a mask), numbered anew."""
+        """An object of this kind with only these rows (indices or a mask), numbered anew."""
         indices = np.asarray(rows)
         arrays = {f.name: getattr(self, f.name)[indices] for f in fields(self)}
         for name in ("mount", "indicator"):

@@ -41,7 +41,7 @@ a row so many are farther from the centre than so many standard deviations.
 
 @dataclass(frozen=True, eq=False)
 class ControlChart:
-    """Of values ``(n,)`` in their order; a new phase begins with each change.
+    """A chart of values ``(n,)`` in their order; a new phase begins with each change.
 
     ``centre`` and ``limit`` ``(n,)`` are mean and distance of the limits of the value's phase, NaN
     where a phase has one value alone. ``signals`` has for each value the numbers, from 1, of the

@@ -130,7 +130,7 @@ class MotionError(GlidecalError):
 
 @contextmanager
 def extra(thing: str, name: str, otherwise: str = "") -> Iterator[None]:
-    """For imports of what the extra ``name`` installs. Raises UsageError about the ``thing``."""
+    """Guard imports of what the extra ``name`` installs. Raises UsageError about the ``thing``."""
     try:
         yield
     except ImportError as problem:

@@ -37,7 +37,7 @@ class Quantity:
 
     @property
     def heading(self) -> str:
-        """Of its column."""
+        """Heading of its column."""
         return ", ".join(filter(None, (self.label, self.unit)))
 
     def column(self, key: str) -> str:
@@ -83,7 +83,7 @@ class Internal:
 
 
 def quantities(kind: type) -> dict[str, Quantity]:
-    """Of the fields of a data class in their order; one that states nothing is a plain value."""
+    """Quantities of a data class by field, in order; one that states nothing is a plain value."""
     hints = get_type_hints(kind, include_extras=True)
     return {field.name: _quantity(hints[field.name]) for field in fields(kind)}
 
@@ -122,7 +122,7 @@ def uncertain(value_mm: float, least: int = 3) -> str:
 
 
 def beside(value_mm: float, limit_mm: float | None) -> str:
-    """As `uncertain`, with the decimals that show on which side of a limit it is."""
+    """A value as of `uncertain`, with the decimals that show on which side of a limit it is."""
     text = uncertain(value_mm)
     while limit_mm is not None and (float(text) <= limit_mm) != (value_mm <= limit_mm):
         text = f"{value_mm:.{len(text.partition('.')[2]) + 1}f}"

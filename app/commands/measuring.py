@@ -270,7 +270,9 @@ def _go_on(plan: Plan, until: float | None) -> None:
 
 
 def measure(plan: Plan, *, headless: bool, otherwise: str = WITHOUT_A_SCREEN) -> None:
-    """On the screen, or ``otherwise``; unattended where a program moves the machine."""
+    """Measure on the screen, or as ``otherwise`` says; unattended where a program moves the
+    machine.
+    """
     from app.measuring.opening import start_session
     from app.measuring.plan import QUICK_INTERVAL_S
     from app.measuring.unattended import end_motion, measure_all

@@ -447,7 +447,7 @@ def report(
 
 
 def _key_password() -> str:
-    """From the environment, else from who sits at the terminal. Raises UsageError without both."""
+    """The password of the key, from the environment or typed at the terminal. Raises UsageError."""
     if (password := os.environ.get(PASSWORD_VARIABLE)) is not None:
         return password
     if not (sys.stdin.isatty() and sys.stderr.isatty()):

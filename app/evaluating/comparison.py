@@ -57,7 +57,7 @@ class Comparison:
 
     @property
     def differences(self) -> dict[str, BothValues]:
-        """Of both sessions."""
+        """Differences of the two sessions, by name."""
         return both_values(self.before.solution, self.after.solution)
 
     @property

@@ -100,7 +100,9 @@ class SessionCorrection:
 
     @property
     def values(self) -> dict[str, EnteredValue]:
-        """By name: d_rho of all joints, d_L and sizes of effects where they are not 0."""
+        """Values to enter by name: d_rho of all joints, d_L and sizes of effects where they are not
+        0.
+        """
         parameters_mm = zip(PARAMETER_NAMES, self.model.parameters_mm, strict=True)
         uncertainties: dict[str, tuple[float, float]] = {}
         if self.uncertainties_mm is not None:
@@ -131,7 +133,7 @@ class SessionCorrection:
 
     @property
     def now_mm(self) -> float:
-        """The same with the present values of the controller."""
+        """Bound of the tool error with the present values of the controller."""
         return self.off_now.bound_in(self.frame)
 
     @property
@@ -216,12 +218,12 @@ class ControllerCorrections:
         return posterior(self.cases, self.effects)
 
     def with_posterior(self, posterior: Posterior) -> Self:
-        """The same sessions corrected by another posterior of them."""
+        """These sessions, corrected by another posterior of them."""
         return replace(self, stated=posterior, _made={}, _towers={})
 
     @cached_property
     def noise(self) -> Noise | None:
-        """Of a single reading as the posterior has it, which all that is stated of it is from.
+        """Noise of a single reading as the posterior has it; all figures of noise are from it.
 
         None where repeats and indicators tell nothing of one of the sessions.
         """
@@ -333,7 +335,9 @@ class ControllerCorrections:
             absent = absent | impossible
 
     def uncertainties_mm(self, *, less_common: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Of joint offsets entered alone: standard, and expanded for 95 %, ``(3,)`` each."""
+        """Uncertainties of joint offsets entered alone: standard, and expanded for 95 %, ``(3,)``
+        each.
+        """
         return offset_uncertainties_mm(self.posterior, self.frame, less_common=less_common)
 
     def half_widths_mm(self, *, less_common: bool = False) -> FloatArray:
@@ -391,7 +395,7 @@ def case_of_machine(
 
 
 def _noise_of(cells: Cells) -> Noise | None:
-    """Of a session. Errors that follow each other are larger than their repeats show."""
+    """Noise of a session. Errors that follow each other are larger than their repeats show."""
     if cells.noise is None or not cells.serial:
         return cells.noise
     shown_mm2 = cells.noise.repeatability_mm2(cells.visits).clip(FINEST_MM**2)

@@ -98,7 +98,7 @@ class SessionDiagnosis(Tabled):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the sessions that were diagnosed."""
+        """Names of the sessions that were diagnosed."""
         return tuple(session.name for session in self.sessions)
 
     @property
@@ -108,7 +108,7 @@ class SessionDiagnosis(Tabled):
 
     @property
     def noise(self) -> Noise | None:
-        """Of a single reading; None where repeats and indicators tell nothing."""
+        """Noise of a single reading; None where repeats and indicators tell nothing."""
         return self.corrections.noise
 
     def table(self) -> DataTable:
@@ -156,7 +156,7 @@ class SessionDiagnosis(Tabled):
         return self._planner(self._set_ups()).separation
 
     def work_out(self) -> SessionDiagnosis:
-        """The same with tool and next measurement worked out: later they take no time."""
+        """Work out the tool error and the next measurement: later they take no time."""
         _ = self.tool, self.separation
         return self
 
@@ -170,7 +170,7 @@ class SessionDiagnosis(Tabled):
         return self._planner(ways).reach if ways else None
 
     def _set_ups(self, pace: Pace = USUAL_PACE) -> tuple[FurtherMeasurement, ...]:
-        """Of indicators on legs; none for contacts: a printer's owner has no stand for them."""
+        """Further set-ups of indicators on legs; none for contacts: a printer has no stand."""
         if all(session.of_contacts for session in self.sessions):
             return ()
         return tuple(candidates(self.corrections.posterior, pace))
@@ -207,12 +207,12 @@ class DiagnosedTool:
 
     @property
     def entered_mm(self) -> dict[Holds, float]:
-        """The same with what each controller holds entered."""
+        """Bound of the tool error with what each controller holds entered."""
         return {holds: off.bound_in(self.frame) for holds, off in self.entered.items()}
 
     @property
     def firmware_mm(self) -> float | None:
-        """The same with all that the firmware of a printer holds."""
+        """Bound of the tool error with all that the firmware of a printer holds."""
         return self.firmware.bound_in(self.frame) if self.firmware else None
 
 
@@ -231,7 +231,7 @@ def diagnose_files(
     held_out: Sequence[Path] = (),
     effects: Sequence[Effect] | None = None,
 ) -> SessionDiagnosis:
-    """As `diagnose_sessions`, of files, with their warnings. Raises RecordError, too."""
+    """Diagnose files as `diagnose_sessions` does, with their warnings. Raises RecordError, too."""
     sessions, warnings = load_sessions(paths)
     held_out_sessions, more_warnings = load_sessions(held_out)
     diagnosed = diagnose_sessions(

@@ -236,7 +236,7 @@ def _likely(diagnosed: DiagnosedPostures) -> dict[tuple[str, str], float]:
 
 
 def _refused(diagnosed: DiagnosedPostures, reason: str, thing: str = "--adopt") -> UsageError:
-    """With what can be adopted instead."""
+    """The refusal, with what can be adopted instead."""
     if not diagnosed.models.entries:
         spare = f"{diagnosed.models.spare} readings beyond the parameters"
         return UsageError(thing, spare, f"{FEWEST_SPARE} or more", "Measure more postures.")

@@ -92,7 +92,7 @@ def calibrated(
     truth: Path | None = None,
     effects: Sequence[AdoptedEffect] = (),
 ) -> CalibratedMachine:
-    """The same from what was read. Raises CalibrationError, RecordError for the ``truth``."""
+    """Calibrate from measurements. Raises CalibrationError, RecordError for the ``truth``."""
     (machine,) = calibrated_for((share,), name, source, truth, effects)
     return machine
 
@@ -105,7 +105,9 @@ def calibrated_for(
     effects: Sequence[AdoptedEffect] = (),
     models: WeighedCauses | None = None,
 ) -> list[CalibratedMachine]:
-    """The same for each share; ``models`` as `beside_effects` has them, where that is known."""
+    """Calibrate with each share of postures kept out; ``models`` as `beside_effects` has them,
+    where known.
+    """
     true = None if truth is None else read_truth(truth, source).whole()
     nominal, readings = source.machine.whole(), source.readings()
     models = models or _weighed(source, readings, effects)
@@ -178,7 +180,7 @@ def beside_effects(
 def _weighed(
     source: HexaSlideMeasurements, readings: Readings, effects: Sequence[AdoptedEffect]
 ) -> WeighedCauses | None:
-    """The same; None where it cannot be told and no effects need it."""
+    """The causes and their weights; None where they cannot be weighed and no effects need it."""
     try:
         return beside_effects(source, readings, effects)
     except CalibrationError:

@@ -20,7 +20,7 @@ class CausesToTry:
     likely: dict[tuple[str, str], float]
 
     def trial(self, name: tuple[str, str]) -> PostureTrial:
-        """Of one of them. Raises CalibrationError."""
+        """The trial of one cause. Raises CalibrationError."""
         return PostureTrial.of(self.models, name, self.source.machine.whole())
 
 

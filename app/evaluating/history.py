@@ -114,7 +114,7 @@ class MachineHistory:
 
     @property
     def last(self) -> Entry:
-        """Of the last session."""
+        """Entry of the last session."""
         return self.points[-1].entry
 
 
@@ -136,7 +136,7 @@ class History:
 
     @property
     def all_machines(self) -> tuple[MachineHistory | PostureHistory, ...]:
-        """Of both kinds."""
+        """Machines of both kinds."""
         return (*self.machines, *self.of_postures)
 
     def of_number(self, number: int) -> History:
@@ -153,7 +153,7 @@ class History:
         return self.of_number(next((k for k, name in enumerate(names) if name in before), 0))
 
     def only(self, name: str) -> History:
-        """Those with this name, serial number or both, as `Machine.title` has them.
+        """The machines with this name, serial number or both, as `Machine.title` has them.
 
         Raises UsageError where there is none.
         """
@@ -290,7 +290,7 @@ class _Unknown:
 
 
 def _worked_out(unknown: _Unknown) -> tuple[Path, str, AnyEntry | str]:
-    """Its key in the index, and what the record says, or why it cannot be used."""
+    """A session's key in the index, and what the record says, or why it cannot be used."""
     path, kind, effects = unknown.path, unknown.kind, unknown.effects
     try:
         content = read_bytes(path, "session", MOST_BYTES)
@@ -308,7 +308,7 @@ def key_of(content: bytes) -> str:
 def known_decisions(
     paths: Sequence[Path], *, index: Path | None = None
 ) -> dict[Path, Decision | None]:
-    """On the machines as these sessions found them, of those that the index knows."""
+    """Decisions on the machines as these sessions found them, where the index knows them."""
     decisions: dict[Path, Decision | None] = {}
     with closing(Index(index or index_path())) as remembered:
         for path in paths:
@@ -321,7 +321,7 @@ def known_decisions(
 
 
 def index_path() -> Path:
-    """That of the user."""
+    """Path of the user's index."""
     return cache_path() / "history-3.sqlite"
 
 
@@ -446,7 +446,7 @@ class Index:
         return data
 
     def entry(self, digest: str, *, of_postures: bool) -> AnyEntry | None:
-        """Of a session of either kind; None where there is none that can be read."""
+        """The entry of a session of either kind; None where there is none that can be read."""
         return self.get(digest, PostureEntry) if of_postures else self.get(digest, Entry)
 
     def get(self, digest: str, kind: type[E]) -> E | None:

@@ -209,7 +209,7 @@ def printer_change(
 
 
 def _uneven_mm(contacts: Sequence[Reading], best: TowerCorrection) -> ValueChange | None:
-    """Of the most contacts of one way of measuring: another one has a zero of its own."""
+    """Unevenness of the most contacts of one way of measuring: others have their own zeros."""
     if not contacts:
         return None
     ((most, _),) = Counter(contact.mount for contact in contacts).most_common(1)

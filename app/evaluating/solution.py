@@ -88,7 +88,7 @@ class SessionSolution(Tabled):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the sessions."""
+        """Names of the sessions."""
         return tuple(session.name for session in self.sessions)
 
     @property
@@ -98,7 +98,7 @@ class SessionSolution(Tabled):
 
     @property
     def solution(self) -> Solution:
-        """That of the set. Raises NotIdentifiable."""
+        """The solution of the set that is shown. Raises NotIdentifiable."""
         return self.choice.solution(self.subset)
 
     @property
@@ -159,7 +159,7 @@ class SessionSolution(Tabled):
         return self.corrections.is_worked_out
 
     def work_out(self) -> SessionSolution:
-        """The same with every correction and its bounds worked out: later they take no time."""
+        """Work out every correction and its bounds: later they take no time."""
         _, change = self.others, self.printer_change
         off = change.off if change else self.correction.off
         _ = self.correction.off_now.bound_mm, off.bound_mm, self.choice.solutions
@@ -173,7 +173,7 @@ class SessionSolution(Tabled):
 
     @cached_property
     def verdict(self) -> Verdict:
-        """That of the posterior, as the diagnosis has it."""
+        """Verdict of the posterior, as the diagnosis has it."""
         from calib.diagnosis.diagnose import verdict_of  # all of it comes with it
 
         return verdict_of(self.corrections.posterior)
@@ -190,7 +190,7 @@ class SessionSolution(Tabled):
 
     @property
     def noise(self) -> Noise:
-        """Of a single reading, as the posterior has it; else, what the fit of the set leaves.
+        """Noise of a single reading, as the posterior has it; else, what the fit of the set leaves.
 
         Suspect readings and drift from cycle to cycle are those of all sessions together.
         """
@@ -200,7 +200,7 @@ class SessionSolution(Tabled):
 
     @property
     def _noise_of_sets(self) -> Noise:
-        """As all sets have it that are identified of these readings."""
+        """Noise as all sets have it that are identified of these readings."""
         return self.choice.case.noise or self.solution.noise
 
     @property

@@ -51,12 +51,12 @@ class Trial:
         return tuple(parameter.value for parameter in self.entry.parameters.values())
 
     def at(self, values: Sequence[float]) -> WhatIf:
-        """With sizes held at these values, one for each, in its unit."""
+        """What happens with sizes held at these values, one for each, in its unit."""
         return WhatIf(self, tuple(map(float, values)))
 
     @cached_property
     def without(self) -> WhatIf:
-        """Of size 0."""
+        """What happens with size 0."""
         return self.at([0.0] * len(self.values))
 
     @cached_property
@@ -85,7 +85,7 @@ class Trial:
         return solution.sizes[len(solution.sizes) - len(self.entry.parameters) :]
 
     def usual(self) -> Trial:
-        """With the set of parameters that the readings determine beside the sizes, where they can.
+        """The trial with the set of parameters that the readings determine beside the sizes.
 
         Raises NotIdentifiable where nothing can be solved.
         """
@@ -151,7 +151,7 @@ class Trial:
         return self.beside.model_copy(update={"effects": (*self.beside.effects, entry)})
 
     def solution(self, entry: EffectEntry) -> Solution:
-        """With the effect of this trial as it stands there. Raises NotIdentifiable."""
+        """The solution with the effect as the entry has it. Raises NotIdentifiable."""
         if self.subset is None:
             return self.result(entry).solution
         model_file, effects = self._with(entry), self.effects
@@ -164,7 +164,7 @@ class Trial:
         return identify(case, self.subset, tolerance_mm=tolerance_mm)
 
     def result(self, entry: EffectEntry) -> SessionSolution:
-        """The same with all other sets. Raises NotIdentifiable."""
+        """The result with the effect as the entry has it. Raises NotIdentifiable."""
         model_file = self._with(entry)
         return solve_sessions(self.sessions, subset=self.subset, model=model_file)
 
@@ -178,12 +178,12 @@ class WhatIf:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Of the values."""
+        """Units of the values."""
         return tuple(parameter.unit for parameter in self.trial.entry.parameters.values())
 
     @cached_property
     def solution(self) -> Solution:
-        """That of `result`, which need not be worked out for it. Raises NotIdentifiable."""
+        """The solution of `result`, which need not be worked out for it. Raises NotIdentifiable."""
         as_fitted = self.trial.subset is None or "result" in vars(self)
         return self.result.solution if as_fitted else self.trial.solution(self._entry)
 

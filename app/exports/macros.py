@@ -128,7 +128,9 @@ def _reprapfirmware(cycles: Sequence[Sequence[Place]], _lift_mm: float) -> Itera
 
 
 def _marlin(cycles: Sequence[Sequence[Place]], _lift_mm: float) -> Iterator[str]:
-    """On hundredths, as the answers are: the place in the log is then the place commanded."""
+    """Lines for Marlin, places on hundredths as its answers are: the log then has the place
+    commanded.
+    """
     yield from ("M503", "G28", "M420 S0")
     yield from (f"G30 X{x + 0.0:z.2f} Y{y + 0.0:z.2f}" for cycle in cycles for x, y in cycle)
     yield "G28"

@@ -55,7 +55,7 @@ def _known(typed: str | None) -> tuple[str, ...] | None:
 
 @dataclass(frozen=True)
 class IdentifiabilityOptions:
-    """Of ``identifiability``."""
+    """Options of ``identifiability``."""
 
     measured: Measured = ""
     known: Known = None
@@ -155,7 +155,7 @@ Hexa Slide     another machine: what can be identified, drawn, and where
 
 @dataclass(frozen=True)
 class PostureOptions:
-    """Of ``postures``."""
+    """Options of ``postures``."""
 
     measured: Measured = ""
     known: Known = None
@@ -218,7 +218,7 @@ def postures(
 
 @dataclass(frozen=True)
 class SimulateOptions:
-    """Of ``simulate``."""
+    """Options of ``simulate``."""
 
     procedure: Annotated[str | None, typer.Option(help="Hexa Slide: pose-inverse, position, …")] = (
         None
@@ -286,7 +286,7 @@ def simulate(simulation: Simulation, options: SimulateOptions, say: Say) -> None
 
 @dataclass(frozen=True)
 class SolveOptions:
-    """Of ``solve``."""
+    """Options of ``solve``."""
 
     model: Annotated[
         Path | None, file("Fit the sizes of this model's effects together with the parameters.")

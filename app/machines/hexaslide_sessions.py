@@ -45,7 +45,7 @@ ANSWERS = (
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """Of ``import``."""
+    """Options of ``import``."""
 
     posture_file: Annotated[Path | None, file(HELP)] = None
     noise_mm: Annotated[
@@ -60,7 +60,7 @@ class ImportOptions:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Of ``run``."""
+    """Options of ``run``."""
 
     posture_file: Annotated[Path | None, file(HELP)] = None
     behind: Annotated[

@@ -79,7 +79,7 @@ def argument(help_text: str, *, to_read: bool = True) -> ArgumentInfo:
 
 
 def there(paths: Path | list[Path] | None) -> Path | list[Path] | None:
-    """Before anything heavy is imported. Raises RecordError."""
+    """Check that the files exist, before anything heavy is imported. Raises RecordError."""
     for path in paths if isinstance(paths, list) else [paths] if paths else []:
         try:
             path.stat()
@@ -119,14 +119,14 @@ def may_replace(force: bool, *targets: Path | None) -> bool:
 
 
 def may_write(output: Path | None, suffix: str, *, force: bool) -> bool:
-    """As `may_replace`. Raises UsageError for a name that does not end so."""
+    """Check a target like `may_replace`. Raises UsageError for a name that does not end so."""
     if output is not None and output.name != "-" and output.suffix != suffix:
         raise UsageError("--output", f"{output}", f"a path that ends with {suffix}")
     return may_replace(force, output)
 
 
 def may_deliver(output: Path, *, force: bool, several: bool = False) -> bool:
-    """As `may_replace`, before the work, of what `deliver` writes.
+    """Check what `deliver` will write like `may_replace`, before the work.
 
     Into a folder that is there `deliver` looks itself: what files it gets is known only then.
     Raises UsageError for standard output where it is ``several`` files.

@@ -59,7 +59,7 @@ C = TypeVar("C", bound=Callable[..., None])
 
 
 def family_of(name: str) -> Family:
-    """That of a name, or of a machine file by the schema it names.
+    """The family of a name, or of a machine file by the schema it names.
 
     A file that cannot be read is of the first, which says why. Raises UsageError for an unknown
     name.
@@ -84,7 +84,7 @@ def family_of(name: str) -> Family:
 
 
 def family_of_files(name: str | None, files: Sequence[Path]) -> Family:
-    """That of a name, else the one that reads these. Raises UsageError for an unknown name."""
+    """The family of a name, else the one that reads the files. Raises UsageError."""
     if name is None:
         return next((family for family in FAMILIES if any(map(family.reads, files))), FAMILIES[0])
     if name not in NAMES:
@@ -93,13 +93,13 @@ def family_of_files(name: str | None, files: Sequence[Path]) -> Family:
 
 
 def family_of_model(path: Path) -> Family:
-    """That of a model file; the first for one that names no other kind."""
+    """The family of a model file; the first for one that names no other kind."""
     form = model_form(path)
     return next((family for family in FAMILIES if family.name == form), FAMILIES[0])
 
 
 def family_with(verb: str, name: str | None) -> tuple[Family, Any]:
-    """That of a name, None: the first, with what it answers a verb by that not all kinds have.
+    """The family of a name (None: the first), with its answer to a verb that not all kinds have.
 
     Raises UsageError for one that has not, and for an unknown name.
     """
@@ -143,7 +143,7 @@ class CommandOfMachines(TyperCommand):
     """A verb whose help, beside a machine's name, leaves out the options of other kinds alone."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 (typer's own)
-        """As any command; the help, asked for or not, is then of the machine that is named."""
+        """Parse like any command; the help is then of the machine that is named."""
         words = {word for part in args for word in (part, part.partition("=")[2])}
         named_family = next(
             (family for family in FAMILIES if words.intersection(family.names)), None
@@ -186,7 +186,7 @@ def _own(family: Family, verb: str) -> set[str]:
 
 
 def typed(context: typer.Context, names: Container[str]) -> str:
-    """Those of these parameters that stand on the command line: ``--a, --b and --c``."""
+    """The parameters among these that are on the command line: ``--a, --b and --c``."""
     types = [
         (option.opts if context.params[option.name] is not False else option.secondary_opts)[0]
         for option in context.command.params

@@ -55,7 +55,7 @@ MountingSeconds = Annotated[float, number("Time for a new mounting.", 0.0, 86400
 
 @dataclass(frozen=True)
 class IdentifiabilityOptions:
-    """Of ``identifiability``."""
+    """Options of ``identifiability``."""
 
     noise: Noise = None
 
@@ -89,7 +89,7 @@ def _machine_and_procedure(question: Question) -> tuple[Machine, Procedure]:
 
 @dataclass(frozen=True)
 class PostureOptions:
-    """Of ``postures``."""
+    """Options of ``postures``."""
 
     noise: Noise = None
     budget: Annotated[float | None, number("Minutes at most, with set-up.", 0.0)] = None
@@ -143,7 +143,7 @@ def postures(
 
 @dataclass(frozen=True)
 class SimulateOptions:
-    """Of ``simulate``."""
+    """Options of ``simulate``."""
 
     protocol: Protocol = None
     model: Annotated[Path | None, file("Model file (JSON).", to_read=True)] = None
@@ -178,7 +178,7 @@ def simulate(simulation: Simulation, options: SimulateOptions, say: Say) -> None
 
 @dataclass(frozen=True)
 class SolveOptions:
-    """Of ``solve``."""
+    """Options of ``solve``."""
 
     subset: Annotated[
         SubsetName | None,
@@ -264,7 +264,7 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """Of ``plan``."""
+    """Options of ``plan``."""
 
     model: Annotated[Path | None, file("Model file (JSON).", to_read=True)] = None
     noise: Noise = None

@@ -67,7 +67,7 @@ class Attended:
 
     @property
     def mode(self) -> str:
-        """In a word or two, how steps are taken."""
+        """How steps are taken, in a word or two."""
         return "ON HOLD" if self.on_hold else "automatic" if self.automatic else "by hand"
 
     @property

@@ -124,7 +124,7 @@ class Bench:
         self.shown_mm = [0.0] * len(plan.instruments)
 
     def read(self, step: Step, along_mm: float, position_mm: Sequence[float] | None) -> None:
-        """Those that read in the step show where the machine is: along a leg, and beside it."""
+        """Move the indicators of the step to where the machine is: along a leg, and beside it."""
         n, leg = len(step.axes), leg_number(step.leg)
         axes = [leg_number(axis) for axis in step.axes]
         to = conditions(
@@ -172,7 +172,7 @@ and the carriages beside would have come from the side that they did not come fr
 
 
 class SelfMovingBench(Bench):
-    """The same machine behind a controller: its indicators follow where that moves it.
+    """The simulated machine behind a controller: its indicators follow where that moves it.
 
     They show what they do where the machine is at that very moment, also on its way: the last of
     the places that were passed, if it had no errors; those before tell from which side it came.

@@ -344,7 +344,7 @@ class SpindleCheck:
         return True
 
     def _at_rest(self, values: tuple[float, ...]) -> bool:
-        """From here a push is counted. Returns that none has ended."""
+        """Begin to count a push. Returns that none has ended."""
         self._rest_mm, self._away_mm = values, (0.0,) * len(values)
         return False
 

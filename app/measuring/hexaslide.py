@@ -136,7 +136,7 @@ class PostureTaking:
 
     @property
     def path(self) -> Path:
-        """Of the record."""
+        """Path of the record."""
         return self._journal.path
 
     @property

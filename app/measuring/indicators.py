@@ -222,7 +222,7 @@ def adapter_before(port: str) -> str:
 
 
 def moved_adapters(instruments: Sequence[Instrument]) -> dict[int, str]:
-    """For indicators, counted from 0, whose adapter is at another port: where it is now.
+    """The new port of each indicator, counted from 0, whose adapter is at another one.
 
     It is known by the serial number that it had when it was used last.
     """

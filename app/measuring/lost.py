@@ -17,7 +17,7 @@ PORTS_S = 1.0
 
 @dataclass(frozen=True)
 class LostNews:
-    """Of one indicator, counted from 0: its ``fault``, and the port where its adapter is now.
+    """News of one indicator, counted from 0: its ``fault``, and the port where its adapter is now.
 
     Without a fault it answers again; ``adapters`` are those before and now, where they differ.
     """
@@ -50,7 +50,7 @@ class LostIndicators:
             return [news for k, gauge in enumerate(self._gauges) if (news := self._news(k, gauge))]
 
     def faults(self, numbers: Iterable[int]) -> list[LostNews]:
-        """Those of these indicators that are known to be lost, and give no value now either."""
+        """The indicators among these that are known to be lost, and give no value now either."""
         outcomes = [(k, self._gauges[k].live().outcome) for k in numbers if k in self.ports]
         return [LostNews(k, o, self.ports[k]) for k, o in outcomes if isinstance(o, Fault)]
 

@@ -232,7 +232,7 @@ class Mover:
         return place_mm is not None and self.line.controller.is_at(place_mm, zero)
 
     def go(self, step: Step, *, by_hand_first: bool) -> None:
-        """To a step, at once where the consent covers it; else it is proposed.
+        """Move to a step, at once where the consent covers it; else propose it.
 
         Where something is set up by hand first, to Zero, to wait there.
         """
@@ -391,7 +391,7 @@ class Mover:
         self._way.add_done_callback(partial(self._arrived, goal))
 
     def _arrived(self, goal: Goal, motion: Future[Triple]) -> None:
-        """In the thread of the controller: at a goal, or nowhere."""
+        """Note the arrival at a goal, or nowhere; called in the thread of the controller."""
         with self._lock:
             if motion is not self._way:
                 return

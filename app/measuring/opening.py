@@ -163,14 +163,14 @@ class PlanCheck:
         return name, adapter_before(adapter), [instrument.port for instrument in instruments]
 
     def read_at(self, port: str) -> None:
-        """That indicator is at another port."""
+        """Read that indicator at another port."""
         number, instruments = self.gone[0], list(self.plan.instruments)
         self.chosen = [*(k for k in self.chosen if k != number), number]
         instruments[number] = instruments[number].model_copy(update={"port": port})
         self.plan = replace(self.plan, instruments=tuple(instruments))
 
     def begin(self, indicators: Indicators) -> GuidedSession:
-        """As `begin`, with what the pushes told of the indicators."""
+        """Begin the session like `begin`, with what the pushes told of the indicators."""
         if self.spindles is not None:
             self.plan = replace(self.plan, instruments=self.spindles.known())
         return begin(self.plan, indicators)

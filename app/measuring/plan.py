@@ -182,7 +182,7 @@ def _rail_moved(change: Changed, supports_mm: tuple[float, float]) -> RailMoved:
 
 
 def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
-    """The same procedure after the offsets were entered in the controller."""
+    """The plan of the same procedure after the offsets were entered in the controller."""
     offsets_mm = before.joint_offsets_mm
     entered = [
         old + new for old, new in zip(plan.machine.entered_offsets_mm, offsets_mm, strict=True)

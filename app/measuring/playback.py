@@ -240,7 +240,7 @@ class Playback:
         self.go(self._frame + by)
 
     def jump_to(self, text: str) -> None:
-        """To the moment when a step was first taken, or skipped; in a table to a reading.
+        """Jump to when a step was first taken, or skipped; in a table to a reading.
 
         Raises UsageError where it was never reached, or the text is no number.
         """
@@ -269,7 +269,7 @@ class Playback:
         return isinstance(first, Skipped) and number in first.steps
 
     def go(self, frame: int) -> None:
-        """To one of the frames, or as far as there are any."""
+        """Go to one of the frames, or as far as there are any."""
         self._show(min(max(frame, 0), len(self.frames) - 1))
         self.time_s = self.frame.time_s
         self._playing = False

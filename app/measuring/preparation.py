@@ -82,7 +82,9 @@ class Preparation:
         return load_machine(str(Path(typed).expanduser()) if typed else None)
 
     def _offer(self, machine: Machine) -> None:
-        """Its usual procedure, by hand or where a controller moves it, or the chosen one."""
+        """Offer the machine's usual procedure, by hand or where a controller moves it, or the
+        chosen one.
+        """
         procedure, before = (
             self.typed.get("procedure"),
             self._usual or self.offered_for.usual_procedure,
@@ -110,14 +112,14 @@ class Preparation:
         return shuffled(procedure, int(seed))
 
     def instruments(self, procedure: Procedure) -> tuple[Instrument, ...]:
-        """Those that are chosen. Raises UsageError where they do not fit the procedure."""
+        """The chosen indicators. Raises UsageError where they do not fit the procedure."""
         instruments = tuple(indicator_of(form) for form in self.forms if form)
         if instruments:
             check_indicators(instruments, legs=bool(procedure.levels))
         return instruments
 
     def some_instruments(self, procedure: Procedure) -> tuple[Instrument, ...]:
-        """The same; without any, two."""
+        """The chosen indicators; without any, two."""
         return self.instruments(procedure) or simulated_indicators()
 
     def choose(self, number: int, form: Form) -> None:

@@ -128,7 +128,7 @@ class Proof:
         return self._place != step.place
 
     def next_move(self, step: Step, place_mm: Triple) -> ProofMove:
-        """Of the next carriage from where the machine is. Raises MotionError where none fits."""
+        """The next carriage's move from here. Raises MotionError where none fits."""
         carriage = self._left[0]
         for way_mm in WAYS_MM:
             to_mm = moved_alone(place_mm, carriage, way_mm, self._machine)
@@ -204,7 +204,7 @@ class Proof:
         return True
 
     def back(self, shown_mm: Sequence[float]) -> None:
-        """It is where it began: proved as far as indicators tell, if they are back, too."""
+        """End the proof at its beginning: passed if all indicators are back, too."""
         move = self.move
         assert move is not None
         gone_mm = self._gone_mm(shown_mm)

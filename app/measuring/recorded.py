@@ -125,7 +125,7 @@ def look_at(path: Path) -> SessionFile:
 
 
 def _state_of_form(path: Path, form: str) -> SessionFile:
-    """Of a record of its own form, which is read whole; it goes on in the terminal alone."""
+    """The file of a record of its own form, read whole; it goes on in the terminal alone."""
     record = read_record(path, record_form(form))
     superseded = {
         number
@@ -142,7 +142,7 @@ def _state_of_form(path: Path, form: str) -> SessionFile:
 
 
 def _of(file: SessionFile, opened: Opened) -> SessionFile:
-    """With the machine and the day of its first line."""
+    """The file with the machine and the day of its first line."""
     machine, day = opened.machine.title, measured_words(opened)
     return replace(file, machine=machine, day=day, origin=opened.origin)
 

@@ -166,7 +166,7 @@ def simulated_of_files(
     scatter_mm: float,
     resolution_mm: float,
 ) -> Session:
-    """As `simulated_session`, of names and files, None: the usual ones.
+    """A simulated session as of `simulated_session`, from names and files; None: the usual ones.
 
     An ``effect`` (id, or id:where) of this ``size`` is hidden in the machine. Raises UsageError and
     RecordError.

@@ -117,7 +117,7 @@ def _go(
     confirm: Callable[[MoveProposal], bool],
     saw: Callable[[str], bool],
 ) -> None:
-    """To a step, with the operator's consent to each way that no earlier one covers."""
+    """Go to a step, with the operator's consent to each way that no earlier one covers."""
     while not mover.is_there(step):
         _wait(guided, mover)
         if mover.is_there(step):
@@ -149,7 +149,7 @@ def _consent(guided: GuidedSession, mover: Mover) -> None:
 
 
 def _wait(guided: GuidedSession, mover: Mover) -> None:
-    """Until the machine rests. Raises MotionError for what stopped it, unless it is over."""
+    """Wait until the machine rests. Raises MotionError for what stopped it, unless it is over."""
     fault_words = None
     while True:
         mover.line.alive()
@@ -194,7 +194,7 @@ def _taken(guided: GuidedSession, step: Step) -> TakenStep:
 
 
 def _at_rest(guided: GuidedSession, step: Step) -> None:
-    """Until the indicators of a step rest. Raises IndicatorError."""
+    """Wait until the indicators of a step rest. Raises IndicatorError."""
     end_s = time.monotonic() + REST_S
     while time.monotonic() < end_s:
         if (fault_words := lost_words(guided)) is not None:

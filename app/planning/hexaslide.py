@@ -59,7 +59,7 @@ class Request:
 
 
 def hexaslide_planning(request: Request) -> HexaSlidePlanning:
-    """From names and paths. Raises UsageError, RecordError, ImpossibleRequest for a procedure."""
+    """The planning from names and paths. Raises UsageError, RecordError, ImpossibleRequest."""
     file = request.posture_file
     if file is not None and request.postures is not None:
         raise UsageError("--posture-file and --postures", "both", "one of them")
@@ -142,7 +142,7 @@ def better_and_better(
 
 
 def measuring(request: Request, components: str) -> Request:
-    """The same with other measured components, as a person types them."""
+    """The request with other measured components, as a person types them."""
     measured = tuple(part.strip() for part in components.split(","))
     linked = request.procedure == ProcedureKind.CONSTRAINT_LINK
     kind = ProcedureKind.CONSTRAINT_LINK if linked else ProcedureKind.POSE_FORWARD

@@ -286,7 +286,7 @@ def next_measurement(
 
 
 def _pace_s(machine: Machine, sessions: Sequence[Session]) -> float:
-    """Of one more step: by hand, or as the last session went where the machine moves itself."""
+    """Seconds of one more step: by hand, or as in the last session of a moving machine."""
     if machine.motion is None:
         return USUAL_PACE.seconds_per_step
     last = sessions[-1].opened.procedure if sessions else None

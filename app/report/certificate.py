@@ -73,7 +73,7 @@ class CertifiedCalibration:
 
     @property
     def serial_numbers(self) -> tuple[str, ...]:
-        """As `serial_numbers_of`."""
+        """Serial numbers as of `serial_numbers_of`."""
         return serial_numbers_of(self.head, self.machine.serial_number)
 
     @property
@@ -119,7 +119,7 @@ class CertifiedCalibration:
 
     @property
     def digests(self) -> tuple[str, ...]:
-        """Of the records, in their order."""
+        """Digests of the records, in their order."""
         return tuple(session.digest for session in self.sessions)
 
     @property
@@ -141,12 +141,12 @@ class CertifiedCalibration:
 
     @property
     def identification(self) -> str:
-        """As `identification_of`."""
+        """The identification as of `identification_of`."""
         return identification_of(self.head, self.digests)
 
     @property
     def terms(self) -> str:
-        """As `terms_of`, with the digest of the model."""
+        """The terms as of `terms_of`, with the digest of the model."""
         terms = terms_of(self.tolerance_mm)
         if self.model is None:
             return terms
@@ -160,7 +160,7 @@ def terms_of(tolerance_mm: float | None) -> str:
 
 
 def serial_numbers_of(head: CertificateHead | None, recorded: str | None) -> tuple[str, ...]:
-    """Of the machine: as the order states it, and as the record does where that is another."""
+    """Serial numbers of the machine: the order's, and the record's where that is another."""
     ordered = head.order.machine.serial_number if head else None
     return tuple(dict.fromkeys(filter(None, (ordered, recorded))))
 

@@ -52,19 +52,21 @@ class CertifiedPostures:
 
     @property
     def tolerance_mm(self) -> float | None:
-        """Of the platform: that of the verification, else as given, else of the machine file."""
+        """Tolerance of the platform: that of the verification, else as given, else of the machine
+        file.
+        """
         if self.later is not None:
             return self.later.verified.tolerance_mm
         return self.stated_mm or self.calibration.source.machine.platform_tolerance_mm
 
     @property
     def decision(self) -> Decision | None:
-        """On the platform as it was measured; None without a tolerance."""
+        """Decision on the platform as it was measured; None without a tolerance."""
         return None if self.tolerance_mm is None else decided(self.calibration, self.tolerance_mm)
 
     @property
     def serial_numbers(self) -> tuple[str, ...]:
-        """As `serial_numbers_of`."""
+        """Serial numbers as of `serial_numbers_of`."""
         return serial_numbers_of(self.head, self.calibration.source.machine.serial_number)
 
     @property
@@ -75,17 +77,17 @@ class CertifiedPostures:
 
     @property
     def digests(self) -> tuple[str, ...]:
-        """Of the records, in their order."""
+        """Digests of the records, in their order."""
         return tuple(record.digest for _, record in self.sessions)
 
     @property
     def terms(self) -> str:
-        """As `terms_of`."""
+        """The terms as of `terms_of`."""
         return terms_of(self.tolerance_mm)
 
     @property
     def identification(self) -> str:
-        """As `identification_of`."""
+        """The identification as of `identification_of`."""
         return identification_of(self.head, self.digests)
 
 
@@ -95,7 +97,7 @@ def certified_postures(
     tolerance_mm: float | None = None,
     head: CertificateHead | None = None,
 ) -> CertifiedPostures:
-    """Of a session and a later one. Raises as `posture_result` and `verify_sessions`."""
+    """Certify a session and a later one. Raises as `posture_result` and `verify_sessions`."""
     check_tolerance(tolerance_mm)
     later = None
     if after is not None:

@@ -121,7 +121,7 @@ class Export:
 
 
 def moves_the_tool(model: Model) -> tuple[StageEffect, ...]:
-    """Its effects that a controller would have to correct."""
+    """Effects of the model that a controller would have to correct."""
     return tuple(effect for effect in model.effects if effect.stage in MOVES_THE_TOOL)
 
 

@@ -28,7 +28,7 @@ class PrintableStream(io.TextIOBase):
 
     @property
     def encoding(self) -> str:  # type: ignore[override]  # typeshed has an attribute
-        """Of the stream behind."""
+        """Encoding of the stream behind."""
         return self._behind.encoding
 
     def write(self, text: str) -> int:
@@ -49,12 +49,12 @@ class PrintableStream(io.TextIOBase):
         return self._behind.isatty()
 
     def fileno(self) -> int:
-        """Of the stream behind."""
+        """File number of the stream behind."""
         return self._behind.fileno()
 
 
 def guard_standard_streams() -> None:
-    """From here on everything that is printed is printable.
+    """Make everything printable that is printed from here on.
 
     The interface and the progress bar draw on ``sys.__stdout__`` and ``sys.__stderr__``, the
     interface through a filter of its own (app/screens/interface.py).

@@ -40,5 +40,5 @@ class Look:
 
 
 def look_of(path: Path, looks: Iterable[Look]) -> Look | None:
-    """That of the machine whose session a file is; None for one of indicators on legs."""
+    """The look of the machine whose session a file is; None for one of indicators on legs."""
     return next((look for look in looks if look.reads(path)), None)

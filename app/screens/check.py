@@ -56,7 +56,9 @@ class CheckScreen(MainScreen[None]):
 
     @work(thread=True)
     def _open(self) -> None:
-        """To its end, be this screen left meanwhile: ports that are open then are closed again."""
+        """Open all ports even if this screen is left meanwhile: the open ones are then closed
+        again.
+        """
         interface = self.app  # a screen that is gone has none
         interface.call_from_thread(self._opened, self._check.open())
 
@@ -74,7 +76,7 @@ class CheckScreen(MainScreen[None]):
             self.set_interval(REFRESH_S, self._show_live)
 
     def _say(self, text: str, where: str = "#words") -> None:
-        """In the words, or in ``#trial`` above the panels: nothing lies over them."""
+        """Show a text in the words, or in ``#trial`` above the panels: nothing lies over them."""
         self.query_one(where, Static).update(self.app.keyed(text))
         self.refresh_bindings()
 

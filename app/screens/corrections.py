@@ -48,7 +48,8 @@ class Corrections(MainScreen[None]):
         self.say(text)
 
     async def ask(self, dialog: Screen[Answer], *, over: bool = False) -> Answer | None:
-        """For workers: nothing is taken while a dialog is open, and nothing moves from there on.
+        """Ask from a worker: nothing is taken while a dialog is open, and nothing moves from there
+        on.
 
         None, too, where another dialog is open that this one need not lie over.
         """

@@ -81,7 +81,7 @@ class HexaSlideScreen(PagedScreen[None]):
         self._draw_machine()
 
     def _show_search(self) -> None:
-        """Its words alone: nothing is drawn again when it ends."""
+        """Show the words of the search alone: nothing is drawn again when it ends."""
         if self.view is not None:
             text = texts.search_text(
                 self.view, self._count, self.best_postures, searching=self.searching

@@ -78,7 +78,7 @@ class MainScreen(LeftOnce[ScreenResultType]):
             line.tell(text, wrong=wrong)
 
     async def ask(self, dialog: Screen[Answer]) -> Answer | None:
-        """For workers of the screen: an answer; none where another question came before."""
+        """Ask from a worker of the screen; None where another question came before."""
         if not self.is_current:
             return None
         waiting = self.app.push_screen_wait(dialog)
@@ -95,7 +95,7 @@ class MainScreen(LeftOnce[ScreenResultType]):
         return await self.ask(TextDialog(question, hint, proposed, without))
 
     async def written(self, job: Callable[..., Answer]) -> Answer | None:
-        """For workers: what a job gives that writes files, in a thread; None where it does not.
+        """Run a job that writes files in a thread, from a worker; None where it writes nothing.
 
         Where files are there already a person is asked, and it is called again with ``replace``.
         """
@@ -443,7 +443,7 @@ class Glidecal(App[str]):
         timeout: float | None = None,
         markup: bool = True,
     ) -> None:
-        """In the line that the screen has for it, once it is there; nothing lies over a table."""
+        """Show a message in the line that the screen has for it; nothing lies over a table."""
         stack = reversed(self.screen_stack)
         screen = next((each for each in stack if not isinstance(each, ModalScreen)), None)
         if self._early is not None:
@@ -475,7 +475,7 @@ class Glidecal(App[str]):
         self.exit(await self._leave(), return_code=self._status)
 
     def action_go_back(self) -> None:
-        """To the screen below, or home: not for those who only look, it offers other files."""
+        """Go to the screen below, or home: not for those who only look, it offers other files."""
         if len(self.screen_stack) > 2:  # Textual's blank one is the first
             self.pop_screen()
         elif not self.read_only:

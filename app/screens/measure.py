@@ -260,7 +260,7 @@ class MeasureScreen(Corrections, SessionScreen, Resting):
             self.proceed()
 
     async def _go_on(self, step_taken: TakenStep) -> None:
-        """To the next step; after the last one of a leg its review comes between."""
+        """Go to the next step; after the last one of a leg its review comes between."""
         following, step = self.guided.step(), step_taken.step
         if following is None or self.guided.session.is_new_place(following):
             unattended = self.attended.automatic and self.plan.simulated
@@ -281,7 +281,7 @@ class MeasureScreen(Corrections, SessionScreen, Resting):
         self.view.say(self.app.keyed(line.replace("{goes_on}", goes_on)))
 
     def _faults(self) -> list[str]:
-        """Those of the step that last: no line hides them."""
+        """Faults of the step that last: no line hides them."""
         step = self.guided.step()
         faults = self.lost.faults(step.indicators if step else ())
         return [questions.lost_text(self.guided.name_of(f.number), f) for f in faults]

@@ -143,7 +143,7 @@ class PagedScreen(MainScreen[ScreenResultType]):
         self.refresh_bindings()
 
     def wait(self, text: str) -> None:
-        """The same words on every page, in the place of texts and charts."""
+        """Show the same words on every page, in the place of texts and charts."""
         for page in self.pages:
             self.put(page.name, text)
         for plot in self.query(ChartPlot):

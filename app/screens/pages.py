@@ -69,7 +69,7 @@ class Message(Static):
         super().__init__("", id="message", markup=False)
 
     def tell(self, text: str, *, wrong: bool = False) -> None:
-        """In the place of what was said before; nothing hides the line."""
+        """Show a message in the place of the last one; nothing hides the line."""
         self.set_class(wrong, "wrong")
         if self._fading is not None:
             self._fading.stop()

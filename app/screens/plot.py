@@ -56,7 +56,7 @@ class ChartPlot(PlotextPlot):
         return self._picture
 
     def _colour(self, variable: str) -> Colour:
-        """Its own colour where the terminal chooses colours itself: then shape alone tells."""
+        """A series' own colour where the terminal chooses colours: then shape alone tells."""
         colour = Color.parse(self.app.theme_variables[variable])
         return colour.rgb if colour.ansi is None else TERMINAL
 

@@ -40,7 +40,7 @@ class FormScreen(MainScreen[ScreenResultType]):
 
     @abstractmethod
     def fields(self) -> Iterable[texts.FormField]:
-        """From top to bottom."""
+        """Fields from top to bottom."""
 
     def box(self, field: texts.FormField) -> Widget:
         """What is typed into or chosen from; a list without a hint has always a choice."""

@@ -189,6 +189,8 @@ def _report(path: Path, target: Path, *, replace: bool) -> Path:
 def result_of(
     paths: Sequence[Path], model: Path | None = None, *, verified: bool = True
 ) -> ResultScreen:
-    """That of sessions, with the effects of a model; with a plan where it may be ``verified``."""
+    """The screen of sessions, with the effects of a model; with a plan where it may be
+    ``verified``.
+    """
     result = solve_files(paths, model=model)
     return ResultScreen(result, plan_to_repeat(paths[0]) if verified else None, paths[0], model)

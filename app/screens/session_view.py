@@ -162,7 +162,7 @@ class Words(Static, Resting):
     _of_rows: Callable[[int], str] | None = None
 
     def fill(self, text_of_rows: Callable[[int], str]) -> None:
-        """With what this gives for so many rows, now and whenever there are more or fewer."""
+        """Fill in what this gives for so many rows, now and whenever there are more or fewer."""
         self._of_rows = text_of_rows
         self.on_resize()
 
@@ -172,7 +172,7 @@ class Words(Static, Resting):
 
 
 class SessionView(Vertical, Resting):
-    """The same picture whether a session is measured or replayed."""
+    """The picture of a session, whether it is measured or replayed."""
 
     app: Glidecal
     _now: tuple[Session, Step] | None = None

@@ -191,7 +191,7 @@ class WhatIfScreen(SizesScreen[EffectEntry | None, WhatIf]):
         return texts.effect_text(without, outcome)
 
     def action_adopt(self) -> None:
-        """As shown; what fits best is not held."""
+        """Adopt the effect as shown; what fits best is not held."""
         entry = self.trial.entry
         if self.app.read_only:
             self.app.complain(ONLY_SHOWN)

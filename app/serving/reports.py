@@ -261,7 +261,7 @@ def _refuse_from_elsewhere(request: web.Request) -> None:
 
 
 def _rows(paths: Sequence[Path], folder: Path | None) -> tuple[Row, ...]:
-    """Of sessions; a decision where a history worked it out."""
+    """Rows of sessions; a decision where a history worked it out."""
     from app.evaluating.history import known_decisions  # heavy: not for the pages of replays
     from app.report.text.history import ORIGIN_WORDS
 
@@ -276,7 +276,7 @@ def _rows(paths: Sequence[Path], folder: Path | None) -> tuple[Row, ...]:
 
 
 def _machines(key: str, document: dict[str, Any]) -> tuple[Row, ...]:
-    """Of a history, by name, serial number and origin; a page has a machine of every origin."""
+    """Rows of a history, by name, serial number and origin."""
     from app.report.text.history import ORIGIN_WORDS  # heavy: not for the pages of replays
 
     rows = []
@@ -307,7 +307,7 @@ def _page(
     folders: Sequence[Listed] = (),
     again: bool = False,
 ) -> web.Response:
-    """With links in ``folders``; a browser loads it ``again`` where more is to come."""
+    """A page with links in ``folders``; a browser loads it ``again`` where more is to come."""
     text = printable(text, keep="\n")
     html = _template().render(title=printable(title), text=text, folders=folders, again=again)
     return web.Response(

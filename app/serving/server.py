@@ -200,7 +200,7 @@ class Tab(AppService):
         self._words = words
 
     async def _open_app_process(self, width: int = 80, height: int = 24) -> Process:
-        """As the library does, without a shell: a file name is never a command."""
+        """Start the app as the library does, without a shell: a file name is never a command."""
         self._process = await asyncio.create_subprocess_exec(
             *self._words,
             stdin=PIPE,

@@ -112,7 +112,7 @@ class Observability:
 
 
 def observability(singular: FloatArray, postures: int) -> Observability:
-    """From the singular values ``(k,)`` of a Jacobian, the largest first, none of them zero."""
+    """The criteria from the singular values ``(k,)`` of a Jacobian, largest first, none zero."""
     logs = np.log(singular)
     largest, least = float(singular[0]), float(singular[-1])
     return Observability(
@@ -181,7 +181,7 @@ def values_of(covariance: FloatArray, aim: Aim) -> FloatArray:
 
 
 def _spectral(variance: FloatArray, kind: Criterion) -> FloatArray:
-    """From the eigenvalues ``(b, k)`` of covariances, ascending: ``1/σ_1²`` is the first."""
+    """The criterion from eigenvalues ``(b, k)`` of covariances, ascending."""
     usable = variance[:, 0] > 0.0
     least = 1.0 / np.sqrt(np.where(usable, variance[:, -1], 1.0))
     largest = 1.0 / np.sqrt(np.where(usable, variance[:, 0], 1.0))

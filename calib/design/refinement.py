@@ -131,7 +131,7 @@ def count_on_bound(coordinates: FloatArray, lower: FloatArray, upper: FloatArray
 
 
 def cost_by_rows(rows: FloatArray, aim: Aim, power: float) -> tuple[float, FloatArray]:
-    """As `cost_and_slope`, with the derivatives by the rows ``(p, r, k)``."""
+    """The cost as of `cost_and_slope`, with its derivatives by the rows ``(p, r, k)``."""
     information = _information(rows)
     if not _plain(aim):
         value, by_information = cost_and_slope(information, aim, power)

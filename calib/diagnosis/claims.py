@@ -45,7 +45,7 @@ class Claim:
 
     @property
     def ids(self) -> frozenset[str]:
-        """Its names, wherever they act."""
+        """Names of the claim, wherever they act."""
         return frozenset(name.id for name in self.names)
 
 
@@ -111,7 +111,7 @@ class Claims:
 
     @classmethod
     def of(cls, posterior: Posterior) -> Claims:
-        """Of all models.
+        """The claims of all models.
 
         One that readings of the tool cannot show tells nothing of whether anything is missing, so
         far as it is no likelier beside the model without any effect than it was before them.
@@ -141,27 +141,27 @@ class Claims:
         return cls(weights, reach)
 
     def probability(self, holds: Callable[[Claim], bool]) -> float:
-        """That what is true is such a claim."""
+        """The probability that what is true is such a claim."""
         return math.fsum(weight for claim, weight in self.weights.items() if holds(claim))
 
     @cached_property
     def nothing(self) -> float:
-        """That the model without any effect is true."""
+        """The probability that the model without any effect is true."""
         return self.weights.get(NOTHING, 0.0)
 
     @cached_property
     def missing(self) -> float:
-        """That anything is missing."""
+        """The probability that anything is missing."""
         return self.probability(lambda claim: claim != NOTHING)
 
     @cached_property
     def unnamed(self) -> float:
-        """That something without a name acts, alone or beside names."""
+        """The probability that something without a name acts, alone or beside names."""
         return self.probability(lambda claim: claim.unnamed)
 
     @cached_property
     def named(self) -> float:
-        """That something is missing and names explain all of it."""
+        """The probability that something is missing and names explain all of it."""
         return self.probability(lambda claim: bool(claim.names) and not claim.unnamed)
 
     @cached_property

@@ -87,7 +87,7 @@ def verdict_of(posterior: Posterior) -> Verdict:
 
 
 class _Report:
-    """From the weights of models to the answer."""
+    """The way from the weights of models to the answer."""
 
     def __init__(self, posterior: Posterior, held_out_sessions: Sequence[Cells]) -> None:
         self.posterior, self.others = posterior, held_out_sessions
@@ -236,7 +236,7 @@ class _Report:
         )
 
     def _weights(self, name: Named) -> dict[tuple[int, ...], float]:
-        """Of each set of components with a name at a place, the weight of the models that have it.
+        """Weights of the models that have each set of components with a name at a place.
 
         Other components of this name are in none of these models.
         """
@@ -369,7 +369,7 @@ class _Report:
 
     @cached_property
     def _likeliest_names(self) -> list[Named]:
-        """Of the components of the likeliest labels."""
+        """Names of the components of the likeliest labels."""
         return [
             name_of(component) for component in self.components[: len(self.posterior.linear.index)]
         ]
@@ -543,7 +543,7 @@ def explained_share(before_rms_mm: float, after_rms_mm: float) -> float:
 
 
 def _rival_words(rival: Named, ids: Collection[str]) -> str:
-    """Its id; of one that shares it with a finding, the place that tells them apart, too."""
+    """The rival's id; where a finding shares it, with the place that tells them apart."""
     if rival.id == EMPIRICAL:
         return "an unnamed effect"
     return f"{rival.id} ({rival.where})" if rival.id in ids else rival.id

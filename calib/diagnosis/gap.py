@@ -87,7 +87,8 @@ class Leftover:
         timed: Sequence[Effect] = (),
         bars: BarLengths | None = None,
     ) -> Leftover:
-        """With ``effects`` in the models; ``timed`` are laws of time that readings may show.
+        """What is left with ``effects`` in the models; ``timed`` are laws of time that readings may
+        show.
 
         Raises NotIdentifiable where the legs cannot meet, and UnreachablePosture.
         """
@@ -123,7 +124,7 @@ class Leftover:
 
     @classmethod
     def about_rows(cls, sessions: Sequence[Cells], rows: Rows) -> Leftover:
-        """Of rows about models of the sessions."""
+        """What is left of rows about models of the sessions."""
         return cls(tuple(sessions), rows, _fitted(rows, None, np.zeros((len(rows.residual), 0))))
 
     @property
@@ -164,7 +165,7 @@ class Leftover:
         return Gap(self.rms_mm(self.left), square, freedom, self.p_value(square, freedom))
 
     def rms_mm(self, residual: FloatArray) -> float:
-        """Of rows ``(n, ...)``, r.m.s. over the readings."""
+        """The r.m.s. of rows ``(n, ...)`` over the readings."""
         square = math.fsum(
             float((cells.means.averaged * off_mm**2).sum())
             for cells, off_mm in zip(self.sessions, self.cells_mm(residual), strict=True)
@@ -190,7 +191,7 @@ class Leftover:
         return math.fsum(float(cells.means.averaged.sum()) for cells in self.sessions)
 
     def cells_mm(self, residual: FloatArray) -> list[FloatArray]:
-        """Of the means of cells ``(n_cells,)`` of each session."""
+        """Means of the cells ``(n_cells,)`` of each session."""
         ends = np.cumsum([len(cells.means) for cells in self.sessions])
         return [
             cells.coloured(residual[end - len(cells.means) : end, None])[:, 0]
@@ -251,7 +252,7 @@ def _fitted(rows: Rows, bars: BarLengths | None, sizes: FloatArray) -> About:
 
 
 def timed_laws(laws: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Those of which readings of one cell may differ."""
+    """The laws of which readings of one cell may differ."""
     return tuple(law for law in dict.fromkeys(laws) if depends_on_time(law))
 
 

@@ -96,7 +96,7 @@ class _Patterns:
 
     @classmethod
     def of(cls, sessions: Sequence[Cells]) -> _Patterns | None:
-        """At the postures that all have, whichever way they were reached.
+        """The patterns at the postures that all sessions have, whichever way they were reached.
 
         Zeros are those of every session, offsets and lengths act as they do in the first one.
         """
@@ -158,7 +158,7 @@ class _Patterns:
         return self._reached(np.random.default_rng(SEED).normal(size=size))
 
     def chance_of_permutations(self) -> float:
-        """The same where set-ups read alike change places in all sessions but the first."""
+        """The chance where set-ups read alike change places in all sessions but the first."""
         generator = np.random.default_rng(SEED)
         drawn = np.repeat(self.means[None], DRAWS, axis=0)
         for count in {len(rows) for rows in self.setups}:

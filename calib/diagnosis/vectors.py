@@ -27,7 +27,7 @@ class VectorMap:
 
 
 def vector_maps(off: ToolOff, frame: Frame) -> tuple[VectorMap, ...]:
-    """On the three planes, the mean of both ways there; less what the frame takes up."""
+    """The errors on the three planes, the mean of both ways there; less what the frame takes up."""
     field = off.posterior.field
     wrong = off.posterior.likeliest_labels.mean - off.values
 

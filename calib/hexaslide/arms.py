@@ -44,8 +44,8 @@ class Turn:
         return Turn(rotation, axes)
 
     def pull(self, moment: FloatArray, bent: FloatArray | None) -> FloatArray:
-        """By the angles ``(p, 3)``: ``moment`` ``(p, 3)`` by a turn of all, ``bent`` ``(p, 3, 3)``
-        by the axes themselves, which the angles before them turn.
+        """Derivatives by the angles ``(p, 3)``: ``moment`` ``(p, 3)`` by a turn of all, ``bent``
+        ``(p, 3, 3)`` by the axes themselves, which the angles before them turn.
         """
         moments = np.repeat(moment[:, None], 3, axis=1)
         if bent is not None:
@@ -70,7 +70,7 @@ class Arms:
 
     @staticmethod
     def of(turn: Turn, unit: Numbers, arm: Numbers) -> Arms:
-        """With levers ``arm × unit``."""
+        """Arms with levers ``arm × unit``."""
         return Arms(turn, unit, arm, cross(arm, unit))
 
     @property
@@ -79,15 +79,16 @@ class Arms:
         return np.concatenate([self.unit, self.lever @ transposed(self.turn.axes)], axis=-1)
 
     def pull_unit(self, by_posture: FloatArray) -> FloatArray:
-        """By the unit vectors, of derivatives ``(p, m, 6)`` by `by_posture`."""
+        """Pull derivatives ``(p, m, 6)`` by `by_posture` back to the unit vectors."""
         about = by_posture[..., 3:] @ self.turn.axes
         return np.asarray(by_posture[..., :3] + cross(about, self.arm))
 
     def pull(
         self, by_end: FloatArray, by_posture: FloatArray | None, spin: FloatArray
     ) -> FloatArray:
-        """By the postures ``(p, 6)``: derivatives ``(p, m, 3)`` by the ends of the arms, by
-        `by_posture` through arms and axes, and moments ``spin`` ``(p, 3)`` of what else turns.
+        """Derivatives by the postures ``(p, 6)``: from those ``(p, m, 3)`` by the ends of the arms,
+        by `by_posture` through arms and axes, and from moments ``spin`` ``(p, 3)`` of what else
+        turns.
         """
         force, bent = by_end, None
         if by_posture is not None:
@@ -106,5 +107,5 @@ def cross(first: Numbers, second: Numbers) -> Numbers:
 
 
 def transposed(matrices: Numbers) -> Numbers:
-    """Of matrices ``(..., n, m)``."""
+    """The transposes of matrices ``(..., n, m)``."""
     return np.swapaxes(matrices, -1, -2)

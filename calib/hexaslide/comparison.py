@@ -100,7 +100,7 @@ class MachinesApart:
 
 
 def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine) -> MachinesApart:
-    """Of machines where a controller that holds ``reference`` sends them.
+    """How far apart machines are where a controller that holds ``reference`` sends them.
 
     Raises UnreachablePosture, CalibrationError.
     """

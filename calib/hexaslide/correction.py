@@ -46,7 +46,8 @@ class HexaSlideCorrection:
 
 
 def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorrection | None:
-    """For a controller that holds ``reference`` now; None where no model could be weighed.
+    """The correction for a controller that holds ``reference`` now; None where no model could be
+    weighed.
 
     Raises UnreachablePosture, CalibrationError.
     """

@@ -83,7 +83,7 @@ class Chains:
         return full.reshape(len(full), CHAINS, -1)
 
     def pull(self, by_own: FloatArray, by_slopes: FloatArray | None = None) -> FloatArray:
-        """By the postures ``(p, 6)``, of derivatives by ``own`` and by ``by_posture``."""
+        """Derivatives by the postures ``(p, 6)``, from those by ``own`` and by ``by_posture``."""
         arms, rails = self.legs.arms, self.geometry.rails
         lean, unit = self.legs.lean[..., None], arms.unit
         turned = by_own[..., :3] @ transposed(arms.turn.rotation)
@@ -120,7 +120,7 @@ class Bar:
 
     @staticmethod
     def at(link: ConstraintLink, postures: Numbers, turn: Turn) -> Bar:
-        """Of any length. Raises CalibrationError where the ends touch."""
+        """The bar at these postures, of any length. Raises CalibrationError where ends touch."""
         arm = turn.rotation @ link.platform_end
         apart = postures[:, :3] + arm - link.base_end
         length = np.sqrt((apart * apart).sum(axis=-1, keepdims=True))
@@ -134,7 +134,7 @@ class Bar:
         return Bar(arms, length, arms.by_posture[:, 0], by_ends)
 
     def pull(self, by_slopes: FloatArray, by_ends: FloatArray) -> FloatArray:
-        """By the postures ``(p, 6)``, of derivatives by ``by_posture`` and by ``by_ends``."""
+        """Derivatives by the postures ``(p, 6)``, from ``by_posture`` and ``by_ends``."""
         along = self.arms.unit[:, 0]
         turned = np.einsum("pij,pj->pi", self.arms.turn.rotation, by_ends[:, :3])
         by_unit = self.arms.pull_unit(by_slopes[:, None])[:, 0] + turned - by_ends[:, 3:]
@@ -249,7 +249,7 @@ class RowMaker:
         return self._basis.shape[1]
 
     def chains(self, postures: Numbers) -> Chains:
-        """At the postures ``(p, 6)``, kept for the next who asks. Raises UnreachablePosture."""
+        """The chains at postures ``(p, 6)``, kept for the next call. Raises UnreachablePosture."""
         if self._at is None or self._at[0] is not postures:
             self._at = (postures, Chains.at(self.geometry, postures))
         return self._at[1]

@@ -151,7 +151,7 @@ class WeighedCauses:
 
     @property
     def weights(self) -> FloatArray:
-        """Of the entries, together 1; none without any."""
+        """Weights of the entries, together 1; none without any."""
         if not self.entries:
             return np.zeros(0)
         logs = np.array([entry.log_weight for entry in self.entries])
@@ -160,7 +160,7 @@ class WeighedCauses:
 
     @property
     def log_evidence(self) -> float:
-        """Of all entries together."""
+        """Log evidence of all entries together."""
         return float(np.logaddexp.reduce([entry.log_weight for entry in self.entries]))
 
     def index(self, entry: RaceEntry) -> IntArray:
@@ -186,7 +186,7 @@ class WeighedCauses:
 
     @property
     def stated_readings(self) -> Readings:
-        """With the stated noise."""
+        """The readings with the stated noise."""
         return self.readings.noisier(1.0 / self.noise_times)
 
     @property
@@ -274,10 +274,10 @@ def weighed(
     adopted: Sequence[AdoptedEffect] = (),
     middle: FloatArray | None = None,
 ) -> WeighedCauses:
-    """Of readings in the order in which they were taken, noise stated; ``tolerances`` ``(k,)`` of
-    the procedure's parameters, ``lead_m`` of the drives' screws. ``adopted`` effects are in every
-    model; they are some of `causes_of_machine`. Scale and bow are about the ``middle`` ``(6,)`` of
-    the sliders, None: that of these readings.
+    """Weigh the causes of readings in the order in which they were taken, noise stated;
+    ``tolerances`` ``(k,)`` of the procedure's parameters, ``lead_m`` of the drives' screws.
+    ``adopted`` effects are in every model; they are some of `causes_of_machine`. Scale and bow are
+    about the ``middle`` ``(6,)`` of the sliders, None: that of these readings.
 
     Raises NotIdentifiable without stated noise, and as `calibrate`.
     """
@@ -311,7 +311,7 @@ def _weighed(
     adopted: Sequence[AdoptedEffect],
     middle: FloatArray | None,
 ) -> WeighedCauses:
-    """The same by the noise that the readings have."""
+    """Weigh the causes by the noise that the readings have."""
     if readings.noise_m is None:
         raise NotIdentifiable(
             "diagnosis", "no stated noise", "noise_mm and noise_deg in the procedure file"
@@ -461,7 +461,7 @@ def _mean_square(whitened: FloatArray, directions: FloatArray, spare: int) -> tu
 
 
 def _weights(models: WeighedCauses) -> dict[Names, float]:
-    """Of every set of causes, summed over scales; together 1."""
+    """Weights of every set of causes, summed over scales; together 1."""
     weights: dict[Names, float] = {}
     for entry, weight in zip(models.entries, models.weights.tolist(), strict=True):
         names = models.names(entry)
@@ -494,7 +494,7 @@ def _claims(weights: dict[Names, float]) -> tuple[HexaSlideClaim, ...]:
 def _verdict(
     weights: dict[Names, float], sure_claims: tuple[HexaSlideClaim, ...], p_after: float
 ) -> Verdict:
-    """By the constants of `calib.diagnosis.thresholds`."""
+    """The verdict by the constants of `calib.diagnosis.thresholds`."""
     if p_after < UNLIKELY:
         return "unexplained"
     if weights.get((), 0.0) >= AGREED:

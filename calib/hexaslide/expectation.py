@@ -44,8 +44,8 @@ the way that places are apart: in another unit they are far off, and hardly apar
 
 @dataclass(frozen=True, eq=False)
 class Departure:
-    """Of one posture: by how much what is read ``(r,)`` differs from what was expected, metres and
-    radians, the standard deviations of that, and the p-value of all together.
+    """How one posture departs: by how much what is read ``(r,)`` differs from what was expected,
+    metres and radians, the standard deviations of that, and the p-value of all together.
     """
 
     names: tuple[str, ...]
@@ -65,7 +65,9 @@ class Departure:
 
     @property
     def shown(self) -> tuple[str, float, float, str]:
-        """That value: its name, by how much it is off, the deviation, and their unit, mm or °."""
+        """The value that departs most: its name, by how much, the deviation, and their unit, mm or
+        °.
+        """
         k = self.worst
         is_angle = self.names[k] in ANGLES
         size, unit = (float(np.degrees(1.0)), "°") if is_angle else (1000.0, "mm")
@@ -73,7 +75,7 @@ class Departure:
 
 
 class Expectation:
-    """Of a machine with tolerances ``(k,)``, standard deviations of the procedure's parameters."""
+    """What is expected of a machine with tolerances ``(k,)`` of the procedure's parameters."""
 
     def __init__(self, procedure: Procedure, machine: HexaSlide, tolerances: FloatArray) -> None:
         if procedure.kind is ProcedureKind.POSE_INVERSE:  # sliders are set, postures are read
@@ -87,7 +89,7 @@ class Expectation:
         self._stood = np.zeros((0, 6))
 
     def departure(self, readings: Readings) -> Departure | None:
-        """Of the first posture of readings; None where the machine has no such posture."""
+        """How the first posture of readings departs; None where the machine has no such posture."""
         first = replace(_first(readings), procedure=self.procedure)
         try:
             residual, slopes = residuals(first, self._machine, postures_of(first, self._machine))
@@ -131,7 +133,7 @@ class Expectation:
 
 
 def _noise(readings: Readings) -> FloatArray:
-    """Of each value that is read ``(r,)``; `ASSUMED` where none is stated."""
+    """Noise of each value that is read ``(r,)``; `ASSUMED` where none is stated."""
     if readings.noise_m is None:
         return np.full(len(readings.procedure.read), ASSUMED)
     return readings.value_noise

@@ -95,7 +95,7 @@ class Geometry:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its parameters."""
+        """Names of the parameters."""
         return TELESCOPIC_NAMES if self.telescopic else NAMES
 
     def _check_rails(self) -> None:
@@ -149,7 +149,7 @@ class Box:
 
     @property
     def centre_mm_deg(self) -> list[float]:
-        """The same in millimetres and degrees."""
+        """The centre in millimetres and degrees."""
         return [*(1000.0 * self.centre[:3]).tolist(), *np.degrees(self.centre[3:]).tolist()]
 
     def random(self, count: int, generator: np.random.Generator) -> FloatArray:
@@ -258,7 +258,9 @@ class HexaSlide:
     )
 
     def parameters(self, names: tuple[str, ...]) -> FloatArray:
-        """Their values ``(k,)`` in metres and radians; components of rails have no unit."""
+        """Values ``(k,)`` of these parameters, metres and radians; components of rails have no
+        unit.
+        """
         by_name = self._by_name()
         return np.array([by_name[name] for name in names])
 
@@ -272,7 +274,7 @@ class HexaSlide:
         return by_name
 
     def with_parameters(self, names: tuple[str, ...], parameters: FloatArray) -> HexaSlide:
-        """The same with these ``(k,)``. Raises CalibrationError for what is no machine."""
+        """A machine with these ``(k,)``. Raises CalibrationError for what is no machine."""
         by_name = self._by_name() | dict(zip(names, parameters.tolist(), strict=True))
         with np.errstate(invalid="ignore"):  # a rail longer than 1: refused by the geometry
             geometry = with_values(self.geometry, np.array([by_name[name] for name in NAMES]))
@@ -320,7 +322,7 @@ class HexaSlide:
         return postures
 
     def inside(self, postures: FloatArray) -> FloatArray:
-        """As `Box.inside`, also for what the sliders reach."""
+        """Which postures are in the box, as of `Box.inside`, and within reach of the sliders."""
         postures = self.box.inside(postures)
         self.sliders_at(postures)
         return postures

@@ -227,7 +227,7 @@ class HexaSlidePlanning:
         )
 
     def postures(self) -> FloatArray:
-        """Those given, else random ones in the box ``(p, 6)``."""
+        """The given postures, else random ones in the box ``(p, 6)``."""
         if self.given is not None:
             return self.given
         if self.count is None:
@@ -252,7 +252,7 @@ def conditions_by_units(
 
 
 def conditions_at(view: HexaSlideSeen, postures: FloatArray) -> dict[str, float]:
-    """The same at postures ``(p, 6)``."""
+    """Condition numbers at postures ``(p, 6)``."""
     rows = sensitivity(view.procedure, view.machine, postures).jacobian
     scale = Scale.of(view.procedure, view.machine)
     return conditions_by_units(view.procedure, rows, view.seen.identifiability.rank, scale)

@@ -112,7 +112,7 @@ class Places:
 
     @property
     def count(self) -> int:
-        """Of the postures."""
+        """How many postures there are."""
         return len(self.postures)
 
     def error(
@@ -151,7 +151,9 @@ def even_postures(machine: HexaSlide) -> FloatArray:
 
 
 def platform_error(reference: HexaSlide, calibrated: Calibration) -> PlatformError:
-    """Of a controller that holds ``reference``. Raises UnreachablePosture, CalibrationError."""
+    """The platform's error where a controller holds ``reference``. Raises UnreachablePosture,
+    CalibrationError.
+    """
     places = Places.of(reference, calibrated.machine, calibrated.laid_over)
     bound = None
     if calibrated.covariance is not None and not calibrated.left_open:

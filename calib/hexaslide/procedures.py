@@ -136,7 +136,7 @@ class Procedure:
         return (*own_names, *link, *zeros)
 
     def on(self, machine: HexaSlide) -> Procedure:
-        """The same on a machine, whose legs decide on the parameters.
+        """The procedure on a machine, whose legs decide on the parameters.
 
         Raises ImpossibleRequest for encoders in joints about rails that are not there.
         """

@@ -68,7 +68,7 @@ class Readings:
 
     @property
     def noise_m(self) -> float | None:
-        """Of a length; None where it is not stated."""
+        """Noise of a length; None where it is not stated."""
         return self.length_noise_m or None
 
     @property
@@ -102,7 +102,7 @@ class Readings:
         )
 
     def noisier(self, times: float) -> Readings:
-        """The same with so many times the noise."""
+        """The readings with so many times the noise."""
         noise_m, noise_rad = times * self.length_noise_m, times * self.angle_noise_rad
         return replace(self, length_noise_m=noise_m, angle_noise_rad=noise_rad)
 
@@ -256,7 +256,7 @@ def whitening(readings: Readings, geometry: Geometry) -> FloatArray:
 def shares(
     readings: Readings, geometry: Geometry, residual: Residuals
 ) -> tuple[FloatArray, FloatArray]:
-    """Of the squares of residuals, each in units of its own noise: by column ``(r,)`` and by
+    """Shares of the squares of residuals, each in units of its own noise: by column ``(r,)`` and by
     posture ``(p,)``; zeros where all are zero.
     """
     of_rows = np.diagonal(variances(readings, geometry), axis1=1, axis2=2)

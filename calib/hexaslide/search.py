@@ -135,12 +135,12 @@ class BestPostures:
 
     @property
     def start_condition_number(self) -> float:
-        """At the start that came to be the best."""
+        """Condition number at the start that came to be the best."""
         return self.start.condition_number
 
     @property
     def condition_number(self) -> float:
-        """Of the postures found."""
+        """Condition number of the best postures."""
         return self.criteria.condition_number
 
 
@@ -171,11 +171,11 @@ class Space:
         return coordinates
 
     def rows(self, coordinates: FloatArray) -> tuple[FloatArray, Pull]:
-        """As `calib.design.refinement.RowsAndPull`."""
+        """Rows and their pull, a `calib.design.refinement.RowsAndPull`."""
         return self.read(coordinates)
 
     def read(self, postures: FloatArray) -> tuple[FloatArray, Pull]:
-        """The same of postures."""
+        """Rows of postures and their pull."""
         rows, pull = self._maker(postures)
         if not self._few:
             return rows, pull
@@ -217,7 +217,7 @@ class JointSpace(Space):
         self._known: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=REMEMBERED)
 
     def begin(self, postures: FloatArray) -> FloatArray:
-        """Also where they are followed from."""
+        """Where the search begins, and where solutions are followed from."""
         sliders = np.asarray(inverse(self.machine.geometry, postures))
         sliders = np.asarray(np.clip(sliders, self.lower, self.upper))  # rounding alone
         self._known.clear()
@@ -225,7 +225,7 @@ class JointSpace(Space):
         return sliders
 
     def postures(self, coordinates: FloatArray) -> FloatArray:
-        """Of sliders. Raises UnreachablePosture."""
+        """Postures of sliders. Raises UnreachablePosture."""
         sliders, near = min(
             self._known, key=lambda known_pair: float(np.abs(known_pair[0] - coordinates).max())
         )
@@ -242,7 +242,7 @@ class JointSpace(Space):
         return near
 
     def rows(self, coordinates: FloatArray) -> tuple[FloatArray, Pull]:
-        """As `calib.design.refinement.RowsAndPull`, of sliders."""
+        """Rows of sliders and their pull, a `calib.design.refinement.RowsAndPull`."""
         postures = self.postures(coordinates)
         rows, pull = self.read(postures)
         by_posture = self._maker.chains(postures).by_posture
@@ -286,11 +286,11 @@ class LinkSpace(Space):
         return on_link(self.machine, postures)
 
     def postures(self, coordinates: FloatArray) -> FloatArray:
-        """In the box or beyond its z, which is NaN where the link reaches nowhere."""
+        """Postures in the box or beyond its z, which is NaN where the link reaches nowhere."""
         return link_postures(self.machine, coordinates)
 
     def rows(self, coordinates: FloatArray) -> tuple[FloatArray, Pull]:
-        """As `calib.design.refinement.RowsAndPull`. Raises UnreachablePosture."""
+        """Rows and pull, a `calib.design.refinement.RowsAndPull`. Raises UnreachablePosture."""
         postures = self.postures(coordinates)
         rows, pull = self.read(postures)
         return rows, lambda weights: self._along_link(postures, pull(weights))
@@ -305,7 +305,7 @@ class LinkSpace(Space):
         return cost + STEEP * float((share**2).sum()), self._along_link(postures, slopes)
 
     def allowed(self, coordinates: FloatArray) -> NDArray[np.bool_]:
-        """Those in the box ``(p,)``."""
+        """Which postures are in the box ``(p,)``."""
         postures = self.postures(coordinates)
         allowed = between(self.machine.box, postures)
         allowed[allowed] = super().allowed(postures[allowed])
@@ -463,7 +463,7 @@ def _taken_back(
 def _described(
     space: Space, search: Search, begin: FloatArray, end: FloatArray, refined: RefinedPostures
 ) -> BestPostures:
-    """From postures ``begin`` to ``end`` ``(p, 6)``."""
+    """The result of a search from postures ``begin`` to ``end`` ``(p, 6)``."""
     figures, rank = [], 0
     for postures in (begin, end):
         rows = space.read(postures)[0]

@@ -28,9 +28,10 @@ DARK = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class CauseAtSize:
-    """Of ``values`` ``(r,)``: what is left of each posture, r.m.s. in standard deviations of the
-    noise ``(p,)``; of all readings, with a p-value; metres r.m.s. over the box that the cause by
-    itself does at the platform, and that it is off by where parameters without it are entered.
+    """A cause with ``values`` ``(r,)``: what is left of each posture, r.m.s. in standard deviations
+    of the noise ``(p,)``; of all readings, with a p-value; metres r.m.s. over the box that the
+    cause by itself does at the platform, and that it is off by where parameters without it are
+    entered.
     """
 
     values: tuple[float, ...]
@@ -60,7 +61,7 @@ class PostureTrial:
 
     @staticmethod
     def of(models: WeighedCauses, name: tuple[str, str], reference: HexaSlide) -> PostureTrial:
-        """Of one of the causes, where a controller that holds ``reference`` sends the machine.
+        """The trial of one cause, where a controller that holds ``reference`` sends the machine.
 
         Raises UnreachablePosture, CalibrationError.
         """
@@ -102,7 +103,7 @@ class PostureTrial:
         )
 
     def at(self, values: Sequence[float]) -> CauseAtSize:
-        """With these sizes ``(r,)``, in the unit of the cause."""
+        """The cause with these sizes ``(r,)``, in its unit."""
         sizes = np.array(values)
         remainder = without(self.models.axes, self.models.whitened) - self.columns @ sizes
         remainder *= self.models.noise_times

@@ -341,7 +341,7 @@ class Propagation:
         design: FloatArray,
         tolerance_mm: FloatArray,
     ) -> Propagation:
-        """The same with what tolerances ``(k,)`` leave open: the covariance of Bayes' estimate."""
+        """The covariance with what tolerances ``(k,)`` leave open: that of Bayes' estimate."""
         centred = without_zeros(observations, weight, design)
         information = (centred.T * weight) @ centred
         posterior = np.asarray(np.linalg.inv(information + np.diag(tolerance_mm**-2.0)))

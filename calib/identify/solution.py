@@ -143,7 +143,7 @@ class Solution:
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """By name."""
+        """Parameters by name."""
         uncertain = (self.uncertainty_mm, self.expanded_mm, self.coverage_factors)
         return rows(Parameter, self.names, self.values_mm, *uncertain)
 
@@ -178,7 +178,7 @@ class Solution:
 
     @property
     def expanded_of_difference_mm(self) -> FloatArray | None:
-        """The same of d_rho - d_L ``(3,)`` where the readings tell little of d_rho but that."""
+        """Expanded uncertainty of d_rho - d_L ``(3,)``; None where d_rho is known as well."""
         if self.subset != "joint-offsets":
             return None
         apart = self.outside + np.eye(len(PARAMETER_NAMES))[3:]
@@ -258,7 +258,7 @@ class Solution:
 
     @property
     def strongest_correlation(self) -> tuple[float, str, str] | None:
-        """That of the two parameters known least independently; None where there are no two."""
+        """Correlation of the two parameters known least independently; None without two."""
         if self.correlation is None or len(self.names) < 2:
             return None
         first, second = np.triu_indices(len(self.names), 1)
@@ -273,7 +273,7 @@ class Solution:
 
     @property
     def inflation(self) -> float:
-        """The same factor on its standard deviation."""
+        """Factor on the standard deviation where what is left is taken as noise."""
         return math.sqrt(self.spread)
 
     def inflated_mm2(self, factor: float) -> FloatArray:

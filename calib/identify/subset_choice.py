@@ -28,7 +28,7 @@ class SubsetChoice:
     identified: dict[Subset, Solution | NotIdentifiable] = field(default_factory=dict)
 
     def solution(self, subset: Subset) -> Solution:
-        """That of a set. Raises NotIdentifiable where the readings do not determine it."""
+        """The solution of a set. Raises NotIdentifiable where the readings do not determine it."""
         solution = self._solution_or_reason(subset)
         if isinstance(solution, NotIdentifiable):
             raise solution
@@ -50,7 +50,7 @@ class SubsetChoice:
 
     @property
     def solutions(self) -> dict[Subset, Solution]:
-        """Those of all sets that the readings determine."""
+        """Solutions of all sets that the readings determine."""
         return {
             subset: solution
             for subset, solution in self._by_subset().items()

@@ -69,7 +69,7 @@ class Noise:
 
     @classmethod
     def of_sessions(cls, noises: Sequence[Noise]) -> Noise:
-        """Of several sessions: the indicators of each, in the order of the sessions."""
+        """Noise of several sessions: the indicators of each, in the order of the sessions."""
         indicators = tuple(indicator for noise in noises for indicator in noise.indicators)
         pooled = all(noise.pooled for noise in noises)
         return replace(noises[0], indicators=indicators, pooled=pooled)
@@ -114,7 +114,7 @@ class Noise:
         return np.array(numbers, dtype=np.intp)
 
     def for_indicators(self, count: int) -> Noise:
-        """The same for so many indicators, all alike."""
+        """The noise for so many indicators, all alike."""
         shares = [
             (indicator.repeatability_mm2, indicator.quantisation_mm2)
             for indicator in self.indicators
@@ -134,7 +134,7 @@ class Noise:
         return np.asarray(shared[observations.indicator])
 
     def scattering(self, factor: float) -> Noise:
-        """The same noise with the variance that repeats show times ``factor``."""
+        """The noise with the variance that repeats show times ``factor``."""
         return replace(
             self,
             indicators=tuple(

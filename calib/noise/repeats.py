@@ -98,7 +98,7 @@ class Repeats:
 
     @property
     def standard_deviation_mm(self) -> float | None:
-        """Of a single value, all indicators pooled, mm; None without repeats."""
+        """Standard deviation of a single value, all indicators pooled, mm; None without repeats."""
         free = float(self.degrees_of_freedom.sum())
         square = float(self.sums_of_squares(self.observations.value_mm[:, None]).sum())
         return math.sqrt(square / free) if free else None

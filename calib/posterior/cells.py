@@ -149,13 +149,13 @@ class SessionCase:
 
     @property
     def spread_mm(self) -> FloatArray:
-        """Those standard deviations ``(6,)``; a tolerance of 0 is a value known as it stands."""
+        """Standard deviations of the base ``(6,)``; a tolerance of 0 is a known value."""
         offsets_mm = np.maximum(self.tolerance_mm[:3], FINEST_MM)
         return np.concatenate([offsets_mm, np.hypot(*self._bars_mm)])
 
     @property
     def base_correlation(self) -> FloatArray:
-        """Of what joint offsets and bar lengths ``(6, 6)`` are off by."""
+        """Correlation ``(6, 6)`` of what joint offsets and bar lengths are off by."""
         correlation = np.eye(BASE)
         single_mm, alike_mm = self._bars_mm
         bars_mm2 = np.diag(single_mm**2) + np.outer(alike_mm, alike_mm)
@@ -304,7 +304,7 @@ class Cells:
 
     @property
     def with_free_lines(self) -> Cells:
-        """The same where the drives' lines, and bars, are free within their tolerances."""
+        """The cells where the drives' lines, and bars, are free within their tolerances."""
         if self.case.as_stated == NOTHING:
             return self
         return replace(self, case=replace(self.case, as_stated=NOTHING))
@@ -353,7 +353,7 @@ class Cells:
             return self._fitted_beside_geometry()
 
     def _fitted_beside_geometry(self) -> Model:
-        """The same, what geometry does within its tolerances being a part of the noise."""
+        """The fitted model, what geometry does within its tolerances being a part of the noise."""
         model, root = self.case.model, self.case.base_root
         for _ in range(STEPS):
             beside = LittleOfAll(self.whitened(_by_geometry(self.case, model, self.means)))
@@ -402,7 +402,7 @@ class Cells:
 
     @cached_property
     def _roots(self) -> list[tuple[IntArray, FloatArray]]:
-        """Of each mounting its cells, and the Cholesky root of the covariance of their means."""
+        """Cells of each mounting, and the Cholesky root of the covariance of their means."""
         shared = self.noise.quantisation_mm2(self.means) if self.noise else np.zeros(0)
         return [
             (cells, np.asarray(np.linalg.cholesky(inverse @ inverse.T + np.diag(shared[cells]))))
@@ -476,7 +476,7 @@ def _by_geometry(case: SessionCase, model: Model, conditions: Conditions) -> Flo
 def _by_mounting(
     visits: Observations, cell: IntArray, scatter_mm2: FloatArray, serial: float
 ) -> Iterator[tuple[IntArray, IntArray, FloatArray, FloatArray]]:
-    """Of each mounting its visits, its cells, a basis of these, and the root of their covariance.
+    """Each mounting's visits, its cells, a basis of these, and the root of their covariance.
 
     The basis ``(n, c)`` is orthonormal among errors made independent; times the inverse root
     ``(c, c)`` it estimates the means.

@@ -88,7 +88,7 @@ class ToolOff:
 
     @property
     def bound_mm(self) -> dict[Frame, float]:
-        """The same in every frame."""
+        """The 95 % bound in every frame."""
         return {frame: self.bound_in(frame) for frame in FRAMES}
 
     def least_in(self, frame: Frame) -> float:
@@ -103,7 +103,7 @@ class ToolOff:
 
     @property
     def least_mm(self) -> dict[Frame, float]:
-        """The same in every frame."""
+        """The expected error in every frame."""
         return {frame: self.least_in(frame) for frame in FRAMES}
 
     def maps(self, frame: Frame) -> tuple[PlaneMap, ...]:

@@ -87,7 +87,7 @@ class Distances:
         return {law: columns[law] for law in columns.keys() & moving}
 
     def _apart(self, model: Model, parameters_mm: NDArray[Any]) -> NDArray[Any]:
-        """From the first to the second mark ``(..., n, 3)`` for parameters ``(..., 6)``."""
+        """Ways from the first to the second mark ``(..., n, 3)`` for parameters ``(..., 6)``."""
         effects, n = _moving(model).effects, len(self)
         along = [simulate(model.geometry, parameters_mm, t, effects) for t in self._marks]
         tool = np.stack(along, axis=-1)
@@ -102,5 +102,5 @@ def _moving(model: Model) -> Model:
 
 
 def _length(ways: NDArray[Any]) -> NDArray[Any]:
-    """Of ``(..., 3)``; complex numbers pass."""
+    """Lengths of ways ``(..., 3)``; complex numbers pass."""
     return np.asarray(np.sqrt((ways * ways).sum(axis=-1)))

@@ -78,7 +78,7 @@ class WithinPlay:
 
     @classmethod
     def of(cls, cells: Cells) -> WithinPlay | None:
-        """Of one session as it was put right; None where no first take stands apart."""
+        """The first takes of one session as it was put right; None where none stands apart."""
         apart = dict(_apart(cells))
         if not apart:
             return None

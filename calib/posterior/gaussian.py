@@ -27,7 +27,7 @@ class LittleOfAll:
 
     @cached_property
     def _spectrum(self) -> tuple[FloatArray, FloatArray]:
-        """Of the smaller of L'L and L L'."""
+        """Eigenvalues and axes of the smaller of L'L and L L'."""
         smaller = self.columns.T if self._few else self.columns
         square, axes = np.linalg.eigh(smaller @ smaller.T)
         return np.maximum(square, 0.0), axes
@@ -91,9 +91,9 @@ class About:
         expected: FloatArray,
         whitening: FloatArray | None = None,
     ) -> About:
-        """Of derivatives ``(n, b)`` per standard deviation; None: what is expected is independent.
+        """The problem linearised by derivatives ``(n, b)`` per standard deviation.
 
-        Else ``whitening`` ``(b, b)`` makes it so.
+        Expected values are independent; with ``whitening`` ``(b, b)`` they become so by it.
         """
         whitening = np.eye(base.shape[1]) if whitening is None else whitening
         basis, root = np.linalg.qr(np.vstack([base, whitening]))

@@ -105,7 +105,7 @@ class Solved(Generic[Solution]):
 
     @property
     def log_weight(self) -> float:
-        """With its prior and those of its mistakes."""
+        """Log weight with its prior and those of its mistakes."""
         return (
             self.log_evidence + self.log_prior + sum(mistake.log_prior for mistake in self.mistakes)
         )
@@ -172,7 +172,7 @@ def _fitted(
     log_plain: float,
     log_evidence: float,
 ) -> list[Scored]:
-    """Those likely, and exchanges that are so by their own fit, the likeliest first.
+    """The likely exchanges, and those that are so by their own fit, the likeliest first.
 
     Where the plain model leaves much, its derivatives are far from where the labels are right.
     """
@@ -215,7 +215,7 @@ class MovedReadings:
 
     @classmethod
     def of(cls, screen: Screen) -> MovedReadings:
-        """As many as can be held at once."""
+        """The exchanged readings, as many exchanges as memory has room for at once."""
         visits = screen.cells.visits
         candidates = list(islice(exchanges(visits), MOST_VALUES // max(len(visits), 1)))
         put_right = [exchange.put_right(visits.value_mm) for exchange in candidates]

@@ -82,7 +82,7 @@ class Component:
         return self.candidate.shares if self.candidate else ()
 
     def with_values(self, squares: FloatArray) -> Component:
-        """The same with values of one size, of these mean squares ``(r,)``."""
+        """The component with values of one size, of these mean squares ``(r,)``."""
         return replace(self, unit=np.full(len(squares), self.unit[0]), squares=squares)
 
     def effects(self, values: FloatArray) -> tuple[EffectInstance, ...]:
@@ -223,7 +223,7 @@ a lead, the best of `LEADS_APART`; eleven leads of the standard share the rest."
 
 
 def _share_of_search(component: Component) -> float:
-    """Of a component among those of its effect: 1 but where a lead or period was searched."""
+    """Share of a component among those of its effect: 1 but where a lead or period was searched."""
     laws = {s.effect for s in component.shares}
     if any(isinstance(law, Repeating) for law in laws):
         return 1.0 / LEADS_APART

@@ -106,7 +106,7 @@ class FurtherMeasurement:
 
     @property
     def words(self) -> str:
-        """In short."""
+        """The measurement in short."""
         before = f"{self.preparation.words}; then " if self.preparation.words else ""
         if self.procedure:
             return f"{before}procedure {self.procedure}"
@@ -218,7 +218,7 @@ def _of_legs(
 
 
 def _minutes(pace: Pace, set_ups: Sequence[Conditions]) -> float:
-    """Of set-ups; both axes of a leg are read in one step."""
+    """Minutes of set-ups; both axes of a leg are read in one step."""
     steps = sum(int((set_up.axis == set_up.axis[0]).sum()) for set_up in set_ups)
     return len(set_ups) * pace.minutes_per_mounting + steps * pace.seconds_per_step / 60.0
 

@@ -103,11 +103,11 @@ class Group:
         )
 
     def sums(self, values: FloatArray) -> FloatArray:
-        """Of columns ``(R,)`` for each model ``(M,)``."""
+        """Sums of columns ``(R,)`` for each model ``(M,)``."""
         return np.asarray(np.bincount(self.owner, values, len(self.rows)))
 
     def updated(self, readings: ExpectedReadings, followed: Sequence[int]) -> Updated:
-        """With the covariance after these readings: first the base, beside it the sizes."""
+        """The group with the covariance after these readings: the base, beside it the sizes."""
         of_base = readings.columns @ self.base
         noise = np.hstack([readings.loose, self.size_mm * readings.own])
         square = np.eye(len(of_base)) + of_base @ of_base.T + noise @ noise.T
@@ -167,7 +167,7 @@ class Updated:
 
     @cached_property
     def gain(self) -> FloatArray:
-        """By which a departure of the readings, made white, moves means at the tool ``(2q, n)``."""
+        """How far a departure of the readings, made white, moves means at the tool ``(2q, n)``."""
         return np.asarray(self.group.tool_base @ self.shown.T)
 
     @cached_property
@@ -187,12 +187,12 @@ class Updated:
         return np.asarray(before @ before.T - gained @ gained.T)
 
     def _departure(self, readings: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Of these readings from each model ``(n, M)``, and along its sizes ``(R,)``."""
+        """Departure of these readings from each model ``(n, M)``, and along its sizes ``(R,)``."""
         departure = self.white @ (readings[:, None] - self.expected)
         return departure, (self.seen * departure[:, self.group.owner]).sum(axis=0)
 
     def means(self, readings: FloatArray) -> FloatArray:
-        """At the tool ``(2q, M)`` where these are the readings ``(n,)``."""
+        """Means at the tool ``(2q, M)`` where these are the readings ``(n,)``."""
         departure, along = self._departure(readings)
         of_model = np.zeros((len(along), len(self.group.rows)))
         of_model[np.arange(len(along)), self.group.owner] = along

@@ -46,20 +46,20 @@ class Weighted:
     as_stated: Statement = NOTHING
 
     def variance_at(self, places: slice) -> FloatArray:
-        """Of the values at these places, ``(m,)``."""
+        """Variances of the values at these places, ``(m,)``."""
         squares = (self.sizes[places] ** 2).sum(axis=1)
         of_base = (self.base[places] ** 2).sum(axis=1)
         squares[: len(of_base)] += of_base
         return np.asarray(self.inflated**2 * squares)
 
     def variance_of(self, rows: FloatArray) -> FloatArray:
-        """Of combinations ``(m, b + r)`` of the values ``(m,)``."""
+        """Variances ``(m,)`` of combinations ``(m, b + r)`` of the values."""
         roots = rows @ self.sizes, rows[:, : len(self.base)] @ self.base
         return np.asarray(self.inflated**2 * sum((root**2).sum(axis=1) for root in roots))
 
     @property
     def covariance(self) -> FloatArray:
-        """Of the values ``(b + r, b + r)``."""
+        """Covariance of the values ``(b + r, b + r)``."""
         covariance = self.sizes @ self.sizes.T
         count = len(self.base)
         covariance[:count, :count] += self.base @ self.base.T
@@ -182,7 +182,7 @@ class Posterior:
 
     @cached_property
     def tool_errors(self) -> dict[Frame, ToolErrors]:
-        """Of all models, in each frame."""
+        """Tool errors of all models, in each frame."""
         metrics = self.field.metrics
         return {frame: ToolErrors(self.models_in_field, metrics[frame]) for frame in FRAMES}
 
@@ -234,7 +234,9 @@ class Posterior:
 
     @cached_property
     def _likeliest_labels(self) -> Posterior | None:
-        """The same where there are others: one that held itself would wait for the collector."""
+        """The posterior by the likeliest labels; None where it is this one (no cycle of
+        references).
+        """
         labels = [
             frozenset((m.session, m.id, m.where) for m in model.mistakes if m.relabels)
             for model in self.models
@@ -259,7 +261,7 @@ class Posterior:
         return self._of_models([not model.as_stated.of_firmware for model in self.models])
 
     def _of_models(self, kept: Sequence[bool]) -> Posterior | None:
-        """The same of some of its models; None where that is all of them, or none."""
+        """The posterior of some of its models; None where that is all of them, or none."""
         if len(set(kept)) == 1:
             return None
         models = [model for model, is_kept in zip(self.models, kept, strict=True) if is_kept]
@@ -378,13 +380,13 @@ class Posterior:
 
     @cached_property
     def _stated_leans(self) -> list[Lean]:
-        """Of effects that the model of the sessions has."""
+        """Leans of effects that the model of the sessions has."""
         stated = effects_of_tool(self.sessions[-1].case.model)
         return self._leans_of((instance.effect, instance.place) for instance in stated)
 
     @cached_property
     def _leans(self) -> list[list[Lean]]:
-        """Of each component."""
+        """Leans of each component."""
         return [
             self._leans_of((share.effect, share.place) for share in component.shares)
             for component in self.components

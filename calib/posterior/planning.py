@@ -162,7 +162,7 @@ class Planner:
 
     @property
     def bound_mm(self) -> float:
-        """Of the correction as it is, in its frame."""
+        """Bound with the correction as it is, in its frame."""
         return self.correction.off.bound_mm[self.correction.frame]
 
     @cached_property
@@ -266,9 +266,7 @@ class Planner:
         return tuple(sorted((component.id, component.where) for component in components))
 
     def _apart(self) -> list[FloatArray]:
-        """Of each candidate the noise variances between open names: their nearest models, either
-        being true.
-        """
+        """How far each candidate separates open names, in noise variances of nearest models."""
         models = [k for _, _, numbers in self._open for k in numbers]
         starts = np.cumsum([0, *(len(numbers) for _, _, numbers in self._open[:-1])])
         matrices = []

@@ -42,7 +42,7 @@ turn two of its towers by 3 and 4 mm."""
 
 
 def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = None) -> Posterior:
-    """Of these sessions together. Raises NotIdentifiable where one cannot be fitted."""
+    """The posterior of these sessions together. Raises NotIdentifiable where no fit exists."""
     shares = _shares(cases)
     cells_by_statement = {
         s: Cells.of_all([replace(case, as_stated=s) for case in cases]) for s in shares

@@ -72,7 +72,7 @@ class PosteriorProblem:
 
     @classmethod
     def of(cls, sessions: tuple[Cells, ...], effects: Sequence[Effect] | None) -> PosteriorProblem:
-        """Of sessions of one machine: ``effects`` are those of the library, or all."""
+        """The problem of sessions of one machine: ``effects`` are those of the library, or all."""
         models = _with_common_lengths([cells.model for cells in sessions])
         measured = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
         components = library(measured, effects, sessions[-1].case.named_beyond)
@@ -106,7 +106,7 @@ class PosteriorProblem:
 
     @cached_property
     def base_root(self) -> FloatArray:
-        """Those standard deviations ``(b, b)``, of parameters that are off alike a root."""
+        """Standard deviations of the base ``(b, b)``, of parameters that are off alike a root."""
         root = np.diag(np.concatenate([self.rows.spread, *map(self.spread_of, self.everywhere)]))
         case = self.sessions[-1].case
         place, at = {}, len(self.rows.spread)
@@ -306,7 +306,7 @@ class PosteriorProblem:
         return sorted(models, key=lambda model: -model.weight), log_evidence
 
     def _model(self, race: Race, entry: RaceEntry, fit: ModelFit) -> Weighted:
-        """With what its noise adds to its deviations; not weighed yet."""
+        """The model with what its noise adds to its deviations; not weighed yet."""
         inflated = 1.0
         if not math.isinf(race.freedom):
             inflation = (race.freedom + fit.square) / max(race.freedom + race.free - 2.0, 1.0)
@@ -316,7 +316,7 @@ class PosteriorProblem:
 
     @cached_property
     def _one_sided(self) -> list[list[int]]:
-        """Of each component the values that no machine has below 0.
+        """The values of each component that no machine has below 0.
 
         Beside an effect that the model has already, less of it is possible.
         """
@@ -377,7 +377,7 @@ class PosteriorProblem:
     def _refitted(
         self, entry: RaceEntry, rows: Rows, block: FloatArray, at: FloatArray
     ) -> ModelFit:
-        """The same about a solution; ``block`` ``(n, r)`` is per unit, ``at`` ``(r,)`` in units."""
+        """The fit about a solution; ``block`` ``(n, r)`` is per unit, ``at`` ``(r,)`` in units."""
         unit, scale = self._unit(entry)
         about, white = self._about_of(rows), self._laws.whitened(block * scale)
         columns, along = about.left_by(white), about.basis[: len(white)].T @ white
@@ -399,7 +399,7 @@ class PosteriorProblem:
     def _followed(
         self, race: Race, entry: RaceEntry, fit: ModelFit, plain_room: float
     ) -> tuple[ModelFit, float]:
-        """The same about the model's own solution, and the log evidence that this gains."""
+        """The fit about the model's own solution, and the log evidence that this gains."""
         before = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
         try:
             models = self._models(entry, fit.mean)
@@ -462,7 +462,7 @@ class PosteriorProblem:
         return np.concatenate(parts) - self._linear_part(entry, fit.mean)
 
     def _linear_residual(self, entry: RaceEntry, fit: ModelFit) -> FloatArray:
-        """The same by derivatives alone ``(exact,)``."""
+        """The residual by derivatives alone ``(exact,)``."""
         count, value = self.rows.exact, np.zeros(len(self.base_root))
         value[: len(self.rows.value)] = self.rows.value
         base = np.linalg.solve(self.base_root, fit.mean[: len(value)] - value)

@@ -65,7 +65,7 @@ class RaceEntry:
 
     @property
     def key(self) -> Key:
-        """Its components, each with its scale."""
+        """The components of the entry, each with its scale."""
         return tuple(zip(self.members, self.scales, strict=True))
 
 
@@ -120,11 +120,11 @@ class Race:
 
     @cached_property
     def _log_prior(self) -> FloatArray:
-        """Of each component at each scale ``(scales, k)``."""
+        """Log prior of each component at each scale ``(scales, k)``."""
         return np.asarray(LOG_SCALES[:, None] + self.log_prior)
 
     def log_evidence(self, square: FloatArray, room: FloatArray) -> FloatArray:
-        """Of what is left and the room of models, ``(...)``."""
+        """Log evidence from what is left and the room of models, ``(...)``."""
         if math.isinf(self.freedom):
             return np.asarray(room - 0.5 * (self.excess + square))
         remainder = np.maximum(self.freedom + self.excess + square, 1e-9)

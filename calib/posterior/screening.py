@@ -64,7 +64,9 @@ class Screen:
         return without(self.basis, rows)
 
     def log_likelihood(self, square: FloatArray | float, fewer: int = 0) -> FloatArray:
-        """Of what is left, with so many directions fewer, but for what does not depend on it."""
+        """Log likelihood of what is left, so many directions fewer, but for what is the same for
+        all.
+        """
         if math.isinf(self.cells.freedom):
             return np.asarray(-0.5 * np.asarray(square))
         elsewhere_square, free = self.elsewhere

@@ -81,7 +81,7 @@ class ToolField:
 
 @lru_cache(maxsize=8)
 def tool_field(geometry: Geometry, placed: tuple[Placed, ...]) -> ToolField:
-    """Of the nominal machine."""
+    """The field of the nominal machine."""
     rows = _rows_at(geometry, placed, workspace_points(geometry))
     starts = np.cumsum([BASE, *(len(effect.parameters) for effect, _ in placed)])
     return ToolField(geometry, placed, tuple(starts.tolist()), rows.reshape(-1, rows.shape[-1]))
@@ -108,7 +108,7 @@ def laws_held(geometry: Geometry) -> list[Placed]:
 
 
 def mean_square(metric: FloatArray, values: Sequence[float] | FloatArray) -> float:
-    """Of these values ``(6 + k,)``."""
+    """Mean square at the tool of these values ``(6 + k,)``."""
     return float(np.asarray(values) @ metric @ np.asarray(values))
 
 

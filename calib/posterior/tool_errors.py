@@ -32,7 +32,7 @@ class InField:
     unplaced_mm2: float = 0.0
 
     def variance(self, at: int) -> float:
-        """Of one value of the field."""
+        """Variance of one value of the field."""
         return self.inflated**2 * float(self.base[at, at]) + float((self.root[at] ** 2).sum())
 
 
@@ -59,14 +59,14 @@ class ToolErrors:
     metric: FloatArray
 
     def without(self, columns: Sequence[int]) -> ToolErrors:
-        """The same where these columns of the field are known."""
+        """The errors where these columns of the field are known."""
         metric = self.metric.copy()
         metric[list(columns)] = metric[:, list(columns)] = 0.0
         return replace(self, metric=metric)
 
     @cached_property
     def seen(self) -> ToolErrors:
-        """The same where shifts and turns of the whole machine are known: no leg shows these."""
+        """The errors where shifts and turns of the whole machine are known: no leg shows these."""
         return self.without(range(-RIGID, 0))
 
     @cached_property
@@ -92,7 +92,7 @@ class ToolErrors:
 
     @cached_property
     def _roots(self) -> FloatArray:
-        """Those of every model ``(n_models, f, k)``, filled up with zeros."""
+        """Covariance roots of every model ``(n_models, f, k)``, filled up with zeros."""
         widest = max(model.root.shape[1] for model in self.models)
         roots = np.zeros((*self._mean.shape, widest))
         for filled, model in zip(roots, self.models, strict=True):
@@ -134,7 +134,7 @@ class ToolErrors:
         return np.asarray((off @ self.metric * off).sum(axis=1))
 
     def distances(self, values: FloatArray) -> FloatArray:
-        """Of every model ``(n_models, 3)`` with these values entered: its weight, then mean and
+        """Each model ``(n_models, 3)`` with these values entered: its weight, then mean and
         variance of the mean square of the tool's error, mm² and mm⁴.
         """
         slope = (self._mean - values) @ self.metric

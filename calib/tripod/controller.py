@@ -130,7 +130,7 @@ class Table:
         return float(_settled(absorbed_mm, np.zeros(1))[0])
 
     def turned(self) -> Table:
-        """The same table for a coordinate that counts the other way."""
+        """The table for a coordinate that counts the other way."""
         return Table(-self.joint_mm[::-1], -self.error_down_mm[::-1], -self.error_up_mm[::-1])
 
 
@@ -143,7 +143,7 @@ class JointEntries:
     table: Table | None = None
 
     def turned(self) -> JointEntries:
-        """The same for a joint that counts the other way; play stays as it is."""
+        """The entries of a joint that counts the other way; play stays as it is."""
         table = self.table.turned() if self.table else None
         return replace(self, home_change_mm=-self.home_change_mm, table=table)
 

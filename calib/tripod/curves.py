@@ -67,7 +67,7 @@ def leg_curves(model: Model, observations: Observations, left_mm: FloatArray) ->
 def _curve(
     model: Model, visits: Observations, value_mm: FloatArray, left_mm: FloatArray
 ) -> LegCurve:
-    """Of readings of one leg, axis and station."""
+    """The curve of readings of one leg, axis and station."""
     plane = bool(visits.over_plane[0])
     if visits.leg[0] == TOOL or plane:
         at = np.asarray(visits.along_mm if plane else 1.0 + visits.level, dtype=np.float64)

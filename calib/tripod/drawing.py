@@ -39,7 +39,7 @@ class Lines:
     ahead: FloatArray
 
     def seen(self, view: FloatArray) -> Lines:
-        """The same in the plane of a picture, ``(2, 3)``: what stands last is then ``(2,)``."""
+        """The lines in the plane of a picture, ``(2, 3)``: what stands last is then ``(2,)``."""
         return Lines(*(part @ view.T for part in vars(self).values()))
 
 

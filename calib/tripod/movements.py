@@ -80,7 +80,7 @@ def departures_mm(observations: Observations, least: float = DEPARTS) -> dict[in
 
 
 def with_first_movements(geometry: Geometry, observations: Observations) -> Observations:
-    """The same visits; where nobody saw how a posture was reached, its repeats tell.
+    """The visits, with movements where nobody saw how a posture was reached: its repeats tell.
 
     The first reading of a mounting that departs from those that were reached from a known side was
     reached from the other one. One that agrees stays as it is: so far as it shows, nothing has

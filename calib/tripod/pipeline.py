@@ -123,7 +123,7 @@ def driven(
     command_mm: FloatArray,
     effects: Sequence[StageEffect] = (),
 ) -> Flow:
-    """The same as far as the carriages, which need not reach each other."""
+    """The flow as far as the carriages, which need not reach each other."""
     parameters, empty = np.asarray(parameters_mm), np.empty(0)
     flow = Flow(
         geometry=geometry,
@@ -295,7 +295,7 @@ def own_zero_rows(taken: Conditions) -> IntArray:
 
 
 def _joint(flow: Flow) -> FloatArray:
-    """From the tool to the end of the touched bar, or to a probe beside it ``(n, 3)``."""
+    """Ways ``(n, 3)`` from the tool to the end of the touched bar, or to a probe beside it."""
     leg = flow.taken.leg
     of_tool = (leg == TOOL)[:, None]
     return np.where(of_tool, flow.taken.beside_mm, flow.geometry.platform[leg])
@@ -343,11 +343,11 @@ class Model:
         return np.asarray(simulate(self.geometry, self.parameters_mm, conditions, self.effects))
 
     def with_effects(self, effects: tuple[StageEffect, ...]) -> Model:
-        """The same model with other effects."""
+        """The model with other effects."""
         return replace(self, effects=effects)
 
     def with_parameters(self, parameters_mm: FloatArray) -> Model:
-        """The same model with other parameters ``(6,)``, mm."""
+        """The model with other parameters ``(6,)``, mm."""
         return replace(self, parameters_mm=tuple(float(v) for v in parameters_mm))
 
 

@@ -131,7 +131,7 @@ class TripodDesign:
         return (moved * self.measured).sum(axis=-1), fraction, reach
 
     def _bar(self, carriage: NDArray[Any], tool: NDArray[Any]) -> NDArray[Any]:
-        """From the end of the touched bar to its foot ``(b, n, 3)``."""
+        """Ways ``(b, n, 3)`` from the end of the touched bar to its foot."""
         n = len(self.taken)
         return np.asarray(self._foot(carriage[:, :n]) - tool[:, :n] - self.joint_mm)
 

@@ -79,7 +79,7 @@ class TripodPlanning:
         return visits, reading_weights(visits, self.noise), design
 
     def minutes(self, steps: int, mountings: int) -> float:
-        """Of so many steps, and of setting up so often."""
+        """Minutes of so many steps, and of setting up so often."""
         return steps * self.seconds_per_step / 60.0 + mountings * self.minutes_per_mounting
 
     def added(self, vectors: Sequence[FloatArray]) -> tuple[AddedMeasurement | None, ...]:

@@ -62,7 +62,7 @@ class LegPool:
         return replace(self, **{name: getattr(self, name)[subset] for name in arrays})
 
     def moved(self, displacement_mm: FloatArray, station: FloatArray) -> LegPool:
-        """The same candidates elsewhere ``(n,)``; those of one mounting keep a common station."""
+        """The candidates elsewhere ``(n,)``; those of one mounting keep a common station."""
         places = list(self.places)
         for place, leg, value in zip(self.place, self.leg, station, strict=True):
             places[place] = int(leg), float(value)
@@ -72,7 +72,7 @@ class LegPool:
         return elsewhere.with_rows()
 
     def with_rows(self) -> LegPool:
-        """The same with its rows: derivatives by the six, 1 for the mounting's zero."""
+        """The candidates with their rows: derivatives by the six, 1 for the mounting's zero."""
         rows, numbers = (
             np.zeros((len(self), 2, PARAMETERS + 2 * len(self.places))),
             range(len(self)),

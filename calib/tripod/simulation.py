@@ -78,7 +78,7 @@ class SimulatedMachine:
         return float(generator.normal(scale=ZERO_SPREAD_MM))
 
     def _tilt(self, mount: str) -> float:
-        """Of the plane under a leg, mm per mm."""
+        """Tilt of the plane under a leg, mm per mm."""
         generator = np.random.default_rng([self.seed, 4, zlib.crc32(mount.encode())])
         return float(generator.normal(scale=TILT_SPREAD))
 

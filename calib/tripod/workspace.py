@@ -35,7 +35,7 @@ def workspace_box(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
 
 
 def _middles(low: FloatArray, high: FloatArray, cells: int) -> list[FloatArray]:
-    """Of so many cells along x, y, z."""
+    """Middles of so many cells along x, y, z."""
     part = (np.arange(cells) + 0.5) / cells
     return [a + (b - a) * part for a, b in zip(low, high, strict=True)]
 

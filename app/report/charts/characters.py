@@ -132,7 +132,7 @@ class Canvas:
         return self._narrow(chart) and self._rows >= len(chart.x_names)
 
     def _named(self, chart: Chart) -> Chart:
-        """With the names of groups where those of places fit in neither way."""
+        """The chart with names of groups where those of places fit in neither way."""
         if not chart.x_groups or not self._narrow(chart) or self._on_its_side(chart):
             return chart
         of_groups = grouped(chart)

@@ -88,7 +88,7 @@ class Chart:
         return f"{self.title}, {self.y_words}"
 
     def heading_within(self, cells: int) -> str:
-        """The same in so many cells: what stands first in the title is cut, never the unit."""
+        """The heading in so many cells: what is first in the title is cut, never the unit."""
         excess = len(self.heading) - cells + len(CUT)
         if excess <= len(CUT):
             return self.heading
@@ -133,7 +133,7 @@ class Chart:
         return round_ticks((*(y for _, y in self.points()), *self.room))
 
     def as_tall_as(self, before: Chart) -> Chart:
-        """With a scale that reaches at least as far as that of another chart."""
+        """The chart with a scale that reaches at least as far as that of another."""
         ticks = before.y_ticks()
         return replace(self, room=(*self.room, ticks[0], ticks[-1]))
 
@@ -194,7 +194,7 @@ def series_of(name: str, points: Sequence[Point], mark: str = "") -> Series:
 
 
 def thinned(series: Series, columns: int) -> Series:
-    """At most two points in each of so many columns: its lowest and its highest."""
+    """The series with at most two points a column: its lowest and its highest."""
     if not series.x:
         return series
     first = min(series.x)
@@ -257,7 +257,7 @@ def turned_limits(names: int, rows: int) -> Limits:
 
 
 def round_ticks(values: Iterable[float]) -> tuple[float, ...]:
-    """At most eight round numbers that hold all values and zero between them."""
+    """Round numbers, eight at most, that enclose all values and zero."""
     tick_values = [0.0, *values]
     lower, upper = min(tick_values), max(tick_values)
     span = upper - lower
@@ -285,7 +285,7 @@ def even_limits(ticks: Sequence[float], cells: int) -> Limits:
 
 
 def spread(ticks: Sequence[float], room: int, each: int) -> tuple[float, ...]:
-    """Those of round ticks that get a label: each takes so many cells of the room; zero is kept."""
+    """The ticks that get a label: each takes so many cells of the room; zero is kept."""
     step = max(1, math.ceil((len(ticks) - 1) * each / max(1, room - 1)))
     zero = ticks.index(0.0) if 0.0 in ticks else 0
     return tuple(tick for k, tick in enumerate(ticks) if (k - zero) % step == 0)

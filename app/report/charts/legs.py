@@ -47,7 +47,7 @@ class LegFigure:
 
     @property
     def charts(self) -> tuple[Chart, Chart]:
-        """From top to bottom."""
+        """Both charts, from top to bottom."""
         return self.readings, self.left
 
 

@@ -23,13 +23,13 @@ def platform_chart(machine: PostureHistory) -> Chart:
 
 
 def history_figures(history: History) -> list[LegFigure]:
-    """Those of joint offsets and of platforms, machine by machine."""
+    """Figures of joint offsets and of platforms, machine by machine."""
     figures = [figure for machine in history.machines for figure in control_charts(machine)]
     return [*figures, *map(platform_figure, history.of_postures)]
 
 
 def platform_figure(machine: PostureHistory) -> LegFigure:
-    """The same for a screen: as the machine was found, and below it with what each session gave."""
+    """The figure for a screen: as the machine was found, and what each session gave."""
     chart = platform_chart(machine)
     title = f"{machine.machine}, error of the platform as found"
     before, *bound = (replace(series, name="") for series in chart.series)

@@ -39,7 +39,7 @@ class Uncertainty:
 
     @property
     def coverage_factor(self) -> float:
-        """Their ratio; of a mixture of models it may be any."""
+        """The ratio of the two; of a mixture of models it may be any."""
         return self.expanded / self.standard
 
 
@@ -55,7 +55,7 @@ class CertifiedValue:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """From where to where, 95 %."""
+        """Both ends of the 95 % interval."""
         half = 0.0 if self.uncertainty is None else self.uncertainty.expanded
         return self.value - half, self.value + half
 
@@ -141,7 +141,7 @@ def certificate_xml(contents: CertificateContents) -> str:
 
 
 def value_in_mm(name: str, value_mm: float, uncertainty_mm: tuple[float, float]) -> CertifiedValue:
-    """With its expanded and its standard uncertainty."""
+    """A value in mm with its expanded and its standard uncertainty."""
     return CertifiedValue(name, value_mm, UNITS["mm"], Uncertainty(*uncertainty_mm))
 
 
@@ -170,6 +170,6 @@ def _shown(value: object) -> object:
 
 
 def _stated(parts: Iterable[str | None]) -> list[str]:
-    """Those of which something is left on one line: the schema allows no empty text."""
+    """The parts of which something is left on one line: the schema allows no empty text."""
     lines = (" ".join(printable(part).split()) for part in parts if part)
     return [line for line in lines if line]

@@ -114,7 +114,7 @@ def _scaled(
 
 
 def _platform(platform: PlatformReport, now: str, bound: str) -> Iterator[CertifiedValue]:
-    """Its error, and a bound where one is known."""
+    """The platform's error, and a bound where one is known."""
     unit = UNITS["mm"]
     yield CertifiedValue(f"root mean square, {now}", platform.now_rms_mm, unit)
     yield CertifiedValue(f"largest, {now}", platform.now_worst_mm, unit)

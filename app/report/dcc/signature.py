@@ -84,7 +84,7 @@ def signed(xml: str, key: SigningKey) -> bytes:
 
 
 def _base64(certificate: x509.Certificate) -> str:
-    """Without a line break at its end, which a PEM file that others make of it could not hold."""
+    """The certificate as base64 without a last line break, which a copy as PEM could not hold."""
     return b64encode(certificate.public_bytes(Encoding.DER)).decode()
 
 

@@ -112,7 +112,7 @@ class CalibrationReport:
 
     @property
     def title(self) -> str:
-        """Of the document."""
+        """Title of the document."""
         return f"Calibration {'certificate' if self.head else 'report'}: {self.machine}"
 
 

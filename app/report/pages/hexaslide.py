@@ -79,7 +79,7 @@ def source_of_postures(
     tolerance_mm: float | None = None,
     head: CertificateHead | None = None,
 ) -> ReportSource:
-    """Of a session, with what a later one says of the machine that was entered.
+    """The report of a session, with what a later one says of the machine that was entered.
 
     Raises as `certified_postures`.
     """
@@ -87,7 +87,7 @@ def source_of_postures(
 
 
 def source_from(certified: CertifiedPostures) -> ReportSource:
-    """Of results that are there."""
+    """The report of results that are there."""
 
     def certificate() -> CertificateContents:
         from app.report.dcc.hexaslide import contents_of

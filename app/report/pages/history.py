@@ -43,12 +43,12 @@ class HistoryPage:
 
     @property
     def title(self) -> str:
-        """Of the page."""
+        """Title of the page."""
         return f"History: {self.folder}"
 
     @property
     def identification(self) -> str:
-        """Of each printed page."""
+        """Identification on each printed page."""
         return self.title
 
 
@@ -93,13 +93,15 @@ def _section(machine: MachineHistory, now: datetime) -> Section:
 
 
 def _narrow(joint: LegFigure) -> LegFigure:
-    """With titles for three beside each other; machine and tolerance stand around them."""
+    """The figure with short titles, for three beside each other; machine and tolerance are around
+    them.
+    """
     readings = replace(joint.readings, title=joint.short_title)
     return replace(joint, readings=readings, left=replace(joint.left, title="Tool error"))
 
 
 def _caption(machine: MachineHistory) -> str:
-    """Of what is on the charts, and of nothing else."""
+    """Caption of what is on the charts, and of nothing else."""
     changed = any(
         bool(joint.chart.changed.any()) or any(joint.chart.signals) for joint in machine.joints
     )

@@ -30,7 +30,7 @@ class SessionFigures:
 
     @classmethod
     def of(cls, result: SessionSolution) -> SessionFigures:
-        """Those of a solution."""
+        """Figures of a solution."""
         return cls(leg_figures(result))
 
     def __str__(self) -> str:

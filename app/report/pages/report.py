@@ -83,7 +83,7 @@ def _shown(value: object) -> object:
 
 
 def _columns(table: Table) -> list[Column]:
-    """Those in which something stands."""
+    """Columns in which something stands."""
     return [column for column in table.columns if any(column.cells) or not table.rows]
 
 
@@ -93,7 +93,8 @@ def _kind(column: Column) -> str:
 
 
 def widths_em(columns: Sequence[Column]) -> list[float]:
-    """In em, from the letters in each: numbers have theirs, texts share what is left of a page.
+    """Widths in em, from the letters in each: numbers have theirs, texts share what is left of a
+    page.
 
     Whoever shows the page then measures no cell, and one word of 300 letters squeezes no column.
     """
@@ -108,7 +109,7 @@ def widths_em(columns: Sequence[Column]) -> list[float]:
 
 
 def _letters(column: Column) -> float:
-    """Of the longest line; those of a heading are bold."""
+    """Letters of the longest line; those of a heading are bold."""
     heading = str(column.header)
     half = max(map(len, (*heading.split(), heading[: len(heading) // 2 + 2])))
     above = len(heading) if len(heading) <= HEADING_LETTERS else half
@@ -167,7 +168,8 @@ def source_of_legs(
     tolerance_mm: float | None = None,
     head: CertificateHead | None = None,
 ) -> ReportSource:
-    """Of sessions of a machine with three drives; a single one as `reported_pair` has it.
+    """The report of sessions of a machine with three drives; a single one as `reported_pair` has
+    it.
 
     Raises as `calibration_of`.
     """
@@ -223,7 +225,9 @@ def write_report(
 
 
 def check_output(output: Path, *, replace: bool) -> None:
-    """Before long work. Raises UsageError for another ending, and as `check_targets`."""
+    """Check the target before long work. Raises UsageError for another ending, and as
+    `check_targets`.
+    """
     if output.suffix not in ENDINGS:
         raise UsageError("--output", f"{output}", f"a path that ends with {', '.join(ENDINGS)}")
     check_targets([output], replace=replace)

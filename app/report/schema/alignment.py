@@ -23,7 +23,7 @@ class FigureEntry:
 
 
 class MoveEntry(Report):
-    """By what one end of a rail is to be moved, positive towards the positive axis, mm."""
+    """Move of one end of a rail, positive towards the positive axis, mm."""
 
     of = Source[Shim]()
     rail: str = of(lambda r: LEG_NAMES[r.rail])

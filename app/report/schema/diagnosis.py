@@ -30,7 +30,7 @@ from calib.posterior.tool import Frame
 
 
 class GapNoise(Report):
-    """Of a single reading."""
+    """Noise of a single reading."""
 
     of = Source[SessionDiagnosis]()
     standard_deviation_mm: float | None = of(
@@ -88,7 +88,7 @@ class DiagnosisResults:
 
     @property
     def diagnosis(self) -> Diagnosis:
-        """Of the sessions."""
+        """Diagnosis of the sessions."""
         return self.diagnosed.diagnosis
 
 

@@ -138,7 +138,7 @@ class PosturesUsed(Report):
 
 @dataclass(frozen=True)
 class MeasuringNoiseEntry:
-    """Of one measured value; null where nothing tells it or no angle is measured."""
+    """Noise of one measured value; null where nothing tells it or no angle is measured."""
 
     length_mm: float | None
     angle_mrad: float | None
@@ -256,7 +256,7 @@ class ResidualReport(Report):
 
 
 class HeldOutReport(Report):
-    """At the postures kept out of the fit."""
+    """What is left at the postures kept out of the fit."""
 
     of = Source[HeldOut]()
     rms_before: Rms = of(lambda r: _rms(r.before))

@@ -69,7 +69,7 @@ class Cube(Report):
 
 
 class FactorMap(Report):
-    """On a plane through Zero; rows go up. The factor furthest from 1, or its inverse."""
+    """Factors on a plane through Zero; rows go up. The factor furthest from 1, or its inverse."""
 
     of = Source[PlaneMap]()
     across: str = of(lambda r: r.across)

@@ -77,7 +77,9 @@ def schemas() -> dict[str, str]:
 
 
 def record_forms() -> dict[str, RecordForm]:
-    """By the names of their schema files; imports all modules that define documents."""
+    """Forms of records by the names of their schema files; imports all modules that define
+    documents.
+    """
     forms: dict[str, RecordForm] = {}
     for room in ROOMS:
         for module in iter_modules(room.__path__, f"{room.__name__}."):

@@ -57,7 +57,9 @@ from protocols.session import Session
 
 
 class Covariance(Report):
-    """Of the parameters, from the noise of the readings; with-tolerances: of the parts, too."""
+    """Covariance of the parameters, from the noise of the readings; with-tolerances: of the parts,
+    too.
+    """
 
     of = Source[Solution]()
     names: tuple[str, ...] = of(lambda r: r.names)
@@ -74,7 +76,7 @@ class IndicatorScatter(Report):
 
 
 class ReadingNoise(Report):
-    """Of a single reading."""
+    """Noise of a single reading."""
 
     of = Source[Noise]()
     standard_deviation_mm: float = of(lambda r: r.standard_deviation_mm)
@@ -93,7 +95,7 @@ class ReadingNoise(Report):
 
 
 class SuspectReading(Report):
-    """It does not fit its own repeats: how many standard deviations."""
+    """A reading that does not fit its own repeats: by how many standard deviations."""
 
     of = Source[Suspect]()
     session: str = of(lambda r: r.session)

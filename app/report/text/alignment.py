@@ -169,7 +169,7 @@ MOVED_SINCE = "WAIT: something was moved since. {align.again} measures; {align.h
 
 
 def moved_text(change: Changed) -> str:
-    """After a move that is in the record."""
+    """What to do after a move that is in the record."""
     along = (change.towards or "").upper()
     by = "as asked" if change.moved_mm is None else f"{change.moved_mm:+.3f} mm along {along}"
     rail = (change.rail or "").upper()

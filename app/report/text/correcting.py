@@ -21,7 +21,7 @@ from drivers.port import check_port
 async def other_port(
     person: Person, name: str, adapter: str, ports_in_use: Collection[str]
 ) -> str | None:
-    """At which port an indicator is now, by its name and that of its adapter: listed or typed.
+    """The port at which an indicator is now, by its name and that of its adapter: listed or typed.
 
     None where the question is left. Raises IndicatorError for a URL that leads to no device.
     """

@@ -205,7 +205,7 @@ def sole_mistake_words(result: SessionSolution) -> Iterator[str]:
 
 
 def view_words(result: SessionSolution) -> str:
-    """That a set of the papers is written in place of the correction."""
+    """The sentence that a set of the papers is written in place of the correction."""
     return (
         f"NOTE: the set {result.subset} is written as it was asked for. Without --subset and "
         "--method the export writes the correction that leaves least at the tool."

@@ -55,7 +55,8 @@ class SessionChoice:
     read_only: bool = False
 
     async def errand(self, verb: str, path: str) -> Errand | None:
-        """With the session of this path or after asking which one; None where a question is left.
+        """The errand with the session of this path, or after asking which one; None: the question
+        is left.
 
         Raises RecordError for a session that cannot be read, UsageError where it has no comparison.
         """
@@ -72,7 +73,7 @@ class SessionChoice:
         return await self._pair(session) if verb == "compare" else (verb, session.path, None)
 
     async def _pair(self, session: SessionFile) -> Errand | None:
-        """With the session after it; one that verifies another brings its partner."""
+        """The errand with the session after it; one that verifies another brings its partner."""
         from app.evaluating.comparison import partner_of  # it loads the solver
 
         if session.own_form:
@@ -107,7 +108,7 @@ class SessionChoice:
 
 
 async def plan_to_go_on(person: Person, path: Path) -> Plan | None:
-    """That of an interrupted session, after asking for the ports on another computer.
+    """The plan of an interrupted session, after asking for the ports on another computer.
 
     Raises RecordError, UsageError, IndicatorError; None where the question is left.
     """

@@ -38,7 +38,7 @@ PUBLISHED_WORDS = {
 
 
 def postures_text(best: BestPostures) -> str:
-    """Before and after, then the postures and how they were found."""
+    """Criteria before and after, then the postures and how they were found."""
     postures = new_table(*best.postures[0], left=0)
     for posture in best.postures:
         postures.add_row(*(f"{value + 0.0:.4f}" for value in posture.values()))
@@ -364,7 +364,7 @@ def postures_table(postures: FloatArray) -> str:
 
 
 def drawn_at_text(number: int, count: int) -> str:
-    """At which posture the machine is drawn."""
+    """The posture at which the machine is drawn."""
     where = "the middle of the box" if number == 0 else f"optimum posture {number} of {count}"
     turn = "   {hexaslide.next_posture} and {hexaslide.posture_before} draw the others"
     return f"Drawn at {where}.{turn * bool(count)}\n{DRAWING_WORDS}"

@@ -132,7 +132,7 @@ def missing_parts(result: PostureResult) -> list[str | Table]:
 
 
 def diagnosis_parts(diagnosis: HexaSlideDiagnosis) -> list[str | Table]:
-    """The same as sentences and tables, without the heading."""
+    """The diagnosis as sentences and tables, without the heading."""
     claims = new_table("what may be missing", "probability")
     for claim in diagnosis.claims[:MOST_CLAIMS]:
         claims.add_row(_title(claim.causes), f"{100.0 * claim.weight:.0f} %")

@@ -100,7 +100,7 @@ def readings_parts(session: PostureSession) -> tuple[Table, list[str]]:
 
 
 def _heads(session: PostureSession) -> list[str]:
-    """Of the figures of a reading."""
+    """Headings of the figures of a reading."""
     measured = session.opened.procedure.whole().measured
     return [*SLIDERS, *(f"{name}, °" if name in ANGLES else f"{name}, mm" for name in measured)]
 

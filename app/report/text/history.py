@@ -95,7 +95,7 @@ def waiting_sentences(history: History) -> list[str]:
 
 
 def machine_names(history: History) -> list[str]:
-    """Of each machine its title, with the origin of its sessions."""
+    """The title of each machine, with the origin of its sessions."""
     return [f"{past.machine}{ORIGIN_WORDS[past.origin]}" for past in history.all_machines]
 
 
@@ -107,7 +107,7 @@ def machine_rows(history: History) -> list[str]:
 
 
 def _rows(history: History) -> Iterator[tuple[str, int, str]]:
-    """Of each machine its name, how many sessions, and the day of the last one."""
+    """The name of each machine, how many sessions it has, and the day of the last one."""
     for name, past in zip(machine_names(history), history.all_machines, strict=True):
         yield name, len(past.points), f"{past.points[-1].entry.began:%Y-%m-%d}"
 
@@ -129,7 +129,7 @@ def machine_text(machine: MachineHistory, now: datetime) -> str:
 
 
 def title_of(machine: MachineHistory) -> str:
-    """Its name, with serial number and place as far as they are stated."""
+    """The name of a machine, with serial number and place as far as they are stated."""
     return ", ".join(filter(None, [machine.machine, machine.last.machine.place]))
 
 

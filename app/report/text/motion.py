@@ -62,7 +62,7 @@ def _limits_text(plan: Plan, remarks: tuple[str, ...]) -> str:
 
 
 def opened_text(plan: Plan, mover: Mover | None) -> str:
-    """The same on the screen, before the key that begins; the question is always in sight."""
+    """The sentence on the screen, before the key that begins; the question is always in sight."""
     if mover is None:
         return check_text(plan)
     return paragraphs(
@@ -94,7 +94,7 @@ def proposal_text(proposal: MoveProposal) -> str:
 
 
 def consent_question(proposal: MoveProposal) -> str:
-    """The same as a question on the command line."""
+    """The question for consent on the command line."""
     return f"{_by_hand_text(proposal)}Nobody at the machine? Move {proposal_text(proposal)}"
 
 

@@ -75,12 +75,12 @@ def expected_text(expected: ExpectedResult) -> str:
 
 
 def before_measuring_text(expected: ExpectedResult, noise_words: str) -> str:
-    """The same, below the steps of a procedure."""
+    """What is expected, below the steps of a procedure."""
     return f"Before measuring, noise {noise_words}:\n\n{expected_text(expected)}"
 
 
 def plan_expected_text(plan: Plan) -> str:
-    """The same of a plan, or why nothing can be expected."""
+    """What is expected of a plan, or why nothing can be."""
     try:
         expected = before_measuring(plan.procedure, plan.machine, plan.instruments)
     except GlidecalError as problem:
@@ -133,7 +133,7 @@ def _combinations(seen_by: SeenBy) -> str:
 
 
 def postures_text(optimum: ChosenPostures) -> str:
-    """Before and after, then the postures."""
+    """Criteria before and after, then the postures."""
     figures = new_table("", optimum.procedure, "chosen")
     for name, kind in (
         ("postures", "count"),

@@ -152,13 +152,15 @@ MOVED_CHOICES = (("no", "No, continue as before"), ("moved", "Yes, start a new z
 
 
 def next_again_text(step: Step | None) -> str:
-    """After a repeat of the last step."""
+    """What comes after a repeat of the last step."""
     again = f"Step {step.number if step else 0} is next again."
     return f"{again} Its readings stay in the record and are not used."
 
 
 def again_question(step: int, skipped: bool, gone: int) -> str:
-    """Before a step is measured again; with it ``gone`` steps of a stand that has left."""
+    """The question before a step is measured again; with it ``gone`` steps of a stand that has
+    left.
+    """
     words = "brought back" if skipped else "measured again"
     question = f"Why is step {step} {words}? With a reason it becomes the next step."
     if gone > 1:

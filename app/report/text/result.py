@@ -254,7 +254,7 @@ def noise_words(result: SessionSolution) -> str:
 
 
 def _condition_words(condition_number: float) -> str:
-    """Of what is not seen at all only rounding is left: that has no digits."""
+    """A condition number; of what is not seen at all only rounding is left, which has no digits."""
     if condition_number > BLIND_CONDITION:
         return f"beyond {BLIND_CONDITION:.0e}"
     return f"{condition_number:.1f}"
@@ -345,7 +345,7 @@ def comparison_text(before: Solution, after: Solution, *, changed: bool = False)
 
 
 def comparison_sentence(before: Solution, after: Solution) -> str:
-    """Before and after in one sentence, with what had been expected."""
+    """One sentence on before and after, with what had been expected."""
     alone = before.subset == "joint-offsets"  # of a plate lengths are found with them
     of_tool = any("(" in name for name in before.differences.names)
     return (

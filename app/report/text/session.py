@@ -104,7 +104,7 @@ WHO_TAKES = {
 
 @lru_cache(maxsize=4)
 def visits_of(steps: tuple[Step, ...]) -> dict[int, str]:
-    """For the number of each step its cycle, ``end`` for the last Zero of a leg.
+    """The cycle of each step by its number, ``end`` for the last Zero of a leg.
 
     A second visit in one cycle is ``2b``: no two steps have one name.
     """
@@ -362,7 +362,7 @@ def paused_text(guided: GuidedSession, *, headless: bool = False) -> str:
 
 
 def left_text(guided: GuidedSession) -> str:
-    """Of a session that was left: whether its machine still moves, and how to continue it."""
+    """What to know of a session that was left: whether its machine moves, how to go on."""
     warning = f"{guided.mover.why}\n" if guided.mover and guided.mover.line.not_stopped else ""
     return warning + paused_text(guided)
 

@@ -35,7 +35,7 @@ class LegLength(OfBar):
     controller = "bar {place}: the kinematics of export --format linuxcnc-kins"
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By the value, whatever the load."""
+        """The value, whatever the load."""
         return np.asarray(at.values[0])
 
 
@@ -49,7 +49,7 @@ class GravitySag(OfBar):
     controller = "bar {place}: the kinematics of export --format linuxcnc-kins"
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By value · load · pull / weight, at the unloaded machine."""
+        """Value · load · pull / weight, at the unloaded machine."""
         # what the sag itself turns the bars by changes it by its square only
         return at.values[0] * at.flow.geometry.load * _pull(at)
 
@@ -72,7 +72,7 @@ def pull_of_weight(
 
 
 def _pull(at: Acting) -> NDArray[Any]:
-    """That of the bar at the place ``(..., n)``."""
+    """Pull of the bar at the place ``(..., n)``."""
     flow = at.flow
     return np.asarray(pull_of_weight(flow.geometry, flow.foot_mm, at.stage_input)[..., at.leg])
 
@@ -88,7 +88,7 @@ class BarGrowth(OfBar):
     controller = "nothing to enter: keep the machine at the temperature of its calibration"
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By value · (temperature - 20 °C)."""
+        """Value · (temperature - 20 °C)."""
         return PER_THOUSAND * at.values[0] * machine_kelvins(at.flow.taken)
 
 
@@ -125,7 +125,9 @@ class LegTaper(OfTouch):
     controller = SURFACE_ONLY
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """In proportion to the distance from the tool end, whatever moved the touched place."""
+        """The value in proportion to the distance from the tool end, whatever moved the touched
+        place.
+        """
         from_end_mm = at.flow.fraction * at.flow.geometry.lengths[at.flow.taken.leg]
         return PER_THOUSAND * at.values[0] * from_end_mm
 

@@ -74,7 +74,7 @@ class BowOfTouchedPlate(TiltOfTouchedPlate):
         return (EffectParameter(f"bow_{self.shape}_at_100mm", "mm", 0.05, 5.0),)
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By the value times the square of the way from Zero / 100 mm."""
+        """The value times the square of the way from Zero / 100 mm."""
         first, second = (k for k in range(3) if k != numbers(at.place)[1])
         x, y = (at.stage_input[..., k] / AT_MM for k in (first, second))
         first_square, second_square = x * x, y * y

@@ -66,7 +66,9 @@ def _fault_of_change(effect: Effect) -> str:
 
 def _fault_at(effect: Effect, place: str, conditions: Conditions) -> str:
     def readings(step: complex, size: float = 1.0) -> NDArray[Any]:
-        """Of a machine that is a little off, with every value, and the machine, a step further."""
+        """Readings of a machine that is a little off, with every value, and the machine, a step
+        further.
+        """
         values = tuple(size * p.tolerance * (1 + step) for p in effect.parameters)
         parameters = np.array(TRIED_MM) * (1 + step)
         return simulate(

@@ -79,7 +79,7 @@ class ActuatorCyclic(OfCarriage):
         )
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By a sin t + b (cos t - 1), t one turn for each lead of travel."""
+        """Values a and b: a sin t + b (cos t - 1), t one turn for each lead of travel."""
         return wave_mm(at, self.lead_mm, *at.values)
 
 
@@ -97,7 +97,7 @@ class ScrewGrowth(OfCarriage):
     controller = "nothing to enter: keep the machine at the temperature of its calibration"
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By value · coordinate · (temperature - 20 °C)."""
+        """Value · coordinate · (temperature - 20 °C)."""
         strain = PER_THOUSAND**2 * at.values[0] * machine_kelvins(at.flow.taken)
         return np.asarray(strain * at.flow.command_mm[:, at.leg])
 
@@ -112,7 +112,7 @@ class Backlash(OfCarriage):
     controller = "joint {place}: BACKLASH = {play}"
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By the play after a movement to smaller coordinates."""
+        """The play after a movement to smaller coordinates, else nothing."""
         return at.values[0] * (last_movement(at.flow.geometry, at.flow.taken)[:, at.leg] < 0)
 
 
@@ -168,7 +168,7 @@ class AxisOffset(OfFoot):
     )
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By the value, whatever the travel."""
+        """The value, whatever the travel."""
         return np.asarray(at.values[0])
 
 
@@ -214,7 +214,7 @@ class Straightness(OfFoot):
     power = 2
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By value (travel / 100 mm) to the power."""
+        """Value (travel / 100 mm) to the power."""
         part = travel_mm(at.flow, at.leg) / AT_MM
         return np.asarray(at.values[0] * part**self.power)
 
@@ -253,7 +253,7 @@ class AxisLean(OfFoot):
     controller = "axis {axis}: the kinematics of export --format linuxcnc-kins"
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By value · distance along the drive."""
+        """Value · distance along the drive."""
         return PER_THOUSAND * at.values[0] * from_meeting_mm(at.flow, at.leg)
 
 

@@ -43,7 +43,7 @@ class EffectParameter:
     power: int = 0
 
     def unit_over(self, travel_mm: float) -> float:
-        """Its tolerance on a machine of this longest travel from Zero.
+        """Tolerance of the parameter on a machine of this longest travel from Zero.
 
         At the end of a travel beyond `AT_MM` the law does as much as there on a shorter one: a long
         rail is made as straight as a short one.
@@ -121,7 +121,7 @@ class EffectInstance:
         return self.effect.stage
 
     def with_value(self, number: int, value: float | complex) -> Self:
-        """The same with one other value."""
+        """The effect with one other value."""
         values = (*self.values[:number], value, *self.values[number + 1 :])
         return replace(self, values=values)
 
@@ -183,7 +183,7 @@ def mounts(conditions: Conditions) -> tuple[str, ...]:
 
 
 def on_legs(conditions: Conditions) -> tuple[str, ...]:
-    """Those of `mounts` that touch a leg."""
+    """The `mounts` that touch a leg."""
     return tuple(place for place in mounts(conditions) if place not in AT_TOOL)
 
 
@@ -211,7 +211,7 @@ def at_mount(flow: Flow, place: str) -> FloatArray:
 
 
 def hours(conditions: Conditions) -> FloatArray:
-    """From the start of the session ``(n,)``; NaN where not known."""
+    """Hours from the start of the session ``(n,)``; NaN where not known."""
     return np.asarray(conditions.time_s / 3600.0)
 
 
@@ -221,7 +221,7 @@ def kelvins(conditions: Conditions) -> FloatArray:
 
 
 def machine_kelvins(conditions: Conditions) -> FloatArray:
-    """The same for parts of the machine: 0 where not all readings have one.
+    """Kelvins of parts of the machine: 0 where not all readings have a temperature.
 
     At Zero, where an indicator is mounted, it is 0.
     """

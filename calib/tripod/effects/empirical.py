@@ -104,7 +104,7 @@ class Empirical(Law):
         return self._sort.places(conditions)
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By each value times its basis."""
+        """Each value times its basis."""
         columns = [_column(name, at) for name in self.bases]
         terms = [value * column for value, column in zip(at.values, columns, strict=True)]
         return np.asarray(PER_THOUSAND * np.sum(terms, axis=0))
@@ -187,7 +187,7 @@ class Repeating(OfCarriage):
         )
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By a sin k t + b (cos k t - 1) of each harmonic k, t one turn for each period."""
+        """Sum of a sin k t + b (cos k t - 1) over harmonics k, t one turn for each period."""
         harmonics = [
             wave_mm(at, self.period_mm / (k + 1), *at.values[2 * k : 2 * k + 2])
             for k in range(HARMONICS)

@@ -152,7 +152,7 @@ class DriftOfStand(OfReading):
     controller = "nothing to enter: clamp the stand at {place}, let it come to rest"
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By value for each unit of what it wanders with.
+        """The value for each unit of what it wanders with.
 
         Where one reading of a mounting has none, by nothing in all of it: so nothing jumps.
         """
@@ -185,7 +185,7 @@ class DriftWithTime(DriftOfStand):
 
 @dataclass(frozen=True)
 class DriftWithTemperature(DriftWithTime):
-    """The same with the temperature of the machine; kelvins count from 20 °C."""
+    """All readings along an axis wander with the temperature; kelvins count from 20 °C."""
 
     title = "readings drift with the temperature"
     parameters = (EffectParameter("per_kelvin", "µm/K", 5.0),)

@@ -92,7 +92,7 @@ class _Choice:
 def _plain_ones(
     candidates: Sequence[Candidate], truth: Model, conditions: Conditions
 ) -> list[_Choice]:
-    """Those that show about as well as the plainest."""
+    """The candidates that show about as well as the plainest."""
     base = derivatives(truth.geometry, truth.parameters_mm, conditions)
     basis = basis_of(np.hstack([incidence(conditions.mount), tilts(conditions), base]), DEPENDENT)
     choices = [_Choice(c, without(basis, c.columns)) for c in candidates]

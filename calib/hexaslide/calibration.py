@@ -188,8 +188,9 @@ def _taken(
     raise NotIdentifiable(
         "calibration",
         f"no step that improves on {here:.3g} m r.m.s.",
-        "readings that some machine near the nominal one could give",
-        "Look for a wrong reading, order of the sliders, or unit.",
+        "readings that determine a machine near the nominal one",
+        "Measure better postures, turned ones too (glidecal postures hexaslide), or look for a "
+        "wrong reading, order of the sliders, or unit.",
     )
 
 

@@ -157,7 +157,7 @@ def drift(days: FloatArray, values: FloatArray, expanded: FloatArray) -> Drift |
 
 
 @dataclass(frozen=True, eq=False)
-class Watched:
+class WatchedQuantity:
     """One quantity over days: ``change`` ``(n,)`` from the first value, its chart, its drift.
 
     The drift is since the last time that something is known to have changed, or jumped and was
@@ -174,11 +174,11 @@ def watch(
     values: Sequence[float],
     expanded: Sequence[float],
     begins: Sequence[bool],
-) -> Watched:
+) -> WatchedQuantity:
     """What values ``(n,)`` of these days, with expanded uncertainties (95 %), tell together."""
     t, x, u = (np.array(column, dtype=np.float64) for column in (days, values, expanded))
     new = np.array(begins, dtype=np.bool_)
     chart = control_chart(x, u, new)
     jumps = np.flatnonzero(chart.changed[: max(0, len(x) - FEWEST + 1)])
     last = max(np.flatnonzero(new).max(initial=0), jumps.max(initial=0))
-    return Watched(x - x[0], chart, drift(t[last:], x[last:], u[last:]))
+    return WatchedQuantity(x - x[0], chart, drift(t[last:], x[last:], u[last:]))

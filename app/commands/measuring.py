@@ -47,7 +47,7 @@ from calib.errors import GlidecalError, UsageError
 from calib.printable import counted
 
 if TYPE_CHECKING:  # heavy: imported where used
-    from app.measuring.aligning import Aligned
+    from app.measuring.aligning import RailAlignment
     from app.measuring.moving import MoveProposal, Mover
     from app.measuring.plan import Plan
     from app.measuring.session import Indicators
@@ -475,7 +475,7 @@ def align(
     measure(aligning(plan, rail or plan.reference or "x"), headless=False, otherwise=otherwise)
 
 
-def _aligned(session: Path, reference: Leg | None) -> Aligned:
+def _aligned(session: Path, reference: Leg | None) -> RailAlignment:
     """What a session tells of the rails."""
     from app.measuring.aligning import align_session
     from protocols.record import read_record

@@ -185,7 +185,7 @@ def import_files(
     from protocols.session import fold
 
     may = may_replace(force, machine_file_out)
-    stated = Stated(resolution, repeatability, remarks)
+    stated = StatedFigures(resolution, repeatability, remarks)
     opened, events, machine_file, notes = _read_from(
         source,
         machine,
@@ -262,7 +262,7 @@ def _write_template(
 
 
 @dataclass(frozen=True)
-class Stated:
+class StatedFigures:
     """What a person states of what measured, mm, and remarks for the record."""
 
     resolution_mm: float | None
@@ -273,7 +273,7 @@ class Stated:
 def _read_from(
     source: list[Path],
     machine: str | None,
-    stated: Stated,
+    stated: StatedFigures,
     distances: Path | None,
     deviation_mm: float | None,
     *,

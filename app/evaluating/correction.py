@@ -40,7 +40,7 @@ from protocols.observations import indicator_figures, measured_distances, to_obs
 if TYPE_CHECKING:
     from calib.tripod.effects.effect import Effect
     from calib.tripod.pipeline import StageEffect
-    from calib.tripod.towers import Entered, TowerEntries
+    from calib.tripod.towers import EnteredTowers, TowerEntries
     from protocols.machine import Frame, Machine
     from protocols.session import Session
 
@@ -151,7 +151,7 @@ class TowerCorrection:
 
     model: Model
     left_out: tuple[LeftOut, ...]
-    values: Entered
+    values: EnteredTowers
     off: ToolOff
 
 
@@ -270,7 +270,7 @@ class ControllerCorrections:
         """The tool where the controller holds this model. Raises ImpossibleRequest."""
         return ToolOff(self.posterior, values_of(self.posterior.field, model))
 
-    def off_with_towers(self, entered: Entered, along: Sequence[StageEffect] = ()) -> ToolOff:
+    def off_with_towers(self, entered: EnteredTowers, along: Sequence[StageEffect] = ()) -> ToolOff:
         """The tool with values for firmware of printers, effects ``along`` drives in the joints."""
         joints = Model(self.posterior.geometry).with_effects(tuple(along))
         values = tower_values(self.posterior, entered) + values_of(self.posterior.field, joints)

@@ -17,7 +17,7 @@ from app.evaluating.solution import refuse_leaning_planes
 from calib.arrays import LEG_NAMES
 from calib.diagnosis.claims import conditional
 from calib.diagnosis.diagnose import diagnosis_of
-from calib.diagnosis.results import Contender, Diagnosis, Finding, Named
+from calib.diagnosis.results import Contender, Diagnosis, EffectName, Finding
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.noise.reading import Noise
 from calib.posterior.cells import Cells
@@ -142,7 +142,7 @@ class SessionDiagnosis(Tabled):
 
         None where no model has all of them. Raises UsageError where there is nothing to adopt.
         """
-        names = tuple(Named(effect.id, effect.where) for effect in _chosen(self, candidate))
+        names = tuple(EffectName(effect.id, effect.where) for effect in _chosen(self, candidate))
         posterior = conditional(self.corrections.posterior, names)
         if posterior is None:
             return None
@@ -220,7 +220,7 @@ class DiagnosedTool:
 class AdoptedTool:
     """The error of the ``tool`` if the adopted ``names`` are true."""
 
-    names: tuple[Named, ...]
+    names: tuple[EffectName, ...]
     tool: DiagnosedTool
 
 

@@ -13,8 +13,8 @@ from calib.errors import CalibrationError, NotIdentifiable, RecordError, UsageEr
 from calib.hexaslide.calibration import calibrate
 from calib.hexaslide.causes import AdoptedEffect, causes_of_machine, with_effects
 from calib.hexaslide.checked import (
-    Checked,
-    Known,
+    CheckedCalibration,
+    KnownValues,
     checked_calibration,
     lengths_alone,
     parameters_alone,
@@ -41,7 +41,7 @@ SHARE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class CalibratedMachine(Checked):
+class CalibratedMachine(CheckedCalibration):
     """A calibration with its checks, what it means at the platform, and the file it is from.
 
     ``found`` is that of the parameters alone, ``entered`` the machine to enter: it counts what else
@@ -56,8 +56,8 @@ class CalibratedMachine(Checked):
     source: HexaSlideMeasurements
     entered: HexaSlide
     platform: PlatformError
-    parameters: Known
-    lengths_m: Known
+    parameters: KnownValues
+    lengths_m: KnownValues
     left_out: tuple[int, ...] = ()
     adopted: tuple[AdoptedEffect, ...] = ()
     p_beside: float | None = None

@@ -30,7 +30,7 @@ from app.evaluating.posture_history import (
 )
 from app.settings import cache_path
 from calib.clusters import in_parallel, on_processors
-from calib.control_chart import Watched, watch
+from calib.control_chart import WatchedQuantity, watch
 from calib.errors import GlidecalError, RecordError, UsageError
 from calib.posterior.tool import days_in_tolerance, tool_field
 from protocols.dates import Origin, is_dated, measured_at
@@ -109,7 +109,7 @@ class MachineHistory:
     origin: str
     points: tuple[Point[Entry], ...]
     days: tuple[float, ...]
-    joints: tuple[Watched, ...]
+    joints: tuple[WatchedQuantity, ...]
     due: datetime | None
 
     @property
@@ -206,7 +206,7 @@ def read_history(
     entries: dict[Path, AnyEntry] = {}
     problem_by_path: dict[Path, str] = {}
     path_by_digest: dict[str, Path] = {}
-    unknown: list[_Unknown] = []
+    unknown: list[_UnknownSession] = []
     with closing(Index(index or index_path())) as remembered:
         for path in paths:
             try:
@@ -222,7 +222,7 @@ def read_history(
             if entry is not None:
                 entries[path] = entry
             if entry is None or (effects and entry.effects is None and entry.has_result):
-                unknown.append(_Unknown(path, kind, effects))
+                unknown.append(_UnknownSession(path, kind, effects))
         waiting = len(unknown)
         with on_processors(processors if waiting >= MANY else 1):
             results = in_parallel(_worked_out, unknown)
@@ -281,7 +281,7 @@ def _by_origin(key: tuple[str, Origin]) -> tuple[int, tuple[str, Origin]]:
 
 
 @dataclass(frozen=True)
-class _Unknown:
+class _UnknownSession:
     """A file of which the index has nothing, or no diagnosis where ``effects`` are asked for."""
 
     path: Path
@@ -289,7 +289,7 @@ class _Unknown:
     effects: bool
 
 
-def _worked_out(unknown: _Unknown) -> tuple[Path, str, AnyEntry | str]:
+def _worked_out(unknown: _UnknownSession) -> tuple[Path, str, AnyEntry | str]:
     """A session's key in the index, and what the record says, or why it cannot be used."""
     path, kind, effects = unknown.path, unknown.kind, unknown.effects
     try:
@@ -411,7 +411,7 @@ def _event(before: Entry, after: Entry) -> str:
     return ENTERED if machine.entered_offsets_mm != later_machine.entered_offsets_mm else ""
 
 
-def _due(last: Entry, joints: Sequence[Watched]) -> datetime | None:
+def _due(last: Entry, joints: Sequence[WatchedQuantity]) -> datetime | None:
     rates = [joint.drift.per_day if joint.drift and joint.drift.shown else 0.0 for joint in joints]
     tolerance_mm = last.machine.tool_tolerance_mm
     if tolerance_mm is None or not any(rates):

@@ -58,7 +58,7 @@ class PostureSessions(Protocol):
         """What a file says, with a diagnosis where that is asked for."""
 
 
-class Dated(Protocol):
+class DatedEntry(Protocol):
     """What a record says, of any kind of machine."""
 
     @property
@@ -66,7 +66,7 @@ class Dated(Protocol):
         """When its session began."""
 
 
-E = TypeVar("E", bound=Dated)
+E = TypeVar("E", bound=DatedEntry)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from app.exports.towers import comments, endstops_now_mm, fitted
 from app.report.offsets import Export, Offsets
 from calib.arrays import LEG_NAMES
 from calib.tripod.geometry import USUAL_ANGLES_DEG
-from calib.tripod.towers import ALIKE_BARS, ON_ONE_CIRCLE, Entered
+from calib.tripod.towers import ALIKE_BARS, ON_ONE_CIRCLE, EnteredTowers
 
 TOWERS = "XYZ"
 
@@ -102,7 +102,7 @@ def smoothieware(offsets: Offsets) -> Export:
     )
 
 
-def turned_deg(values: Entered, drives: Sequence[int]) -> list[float]:
+def turned_deg(values: EnteredTowers, drives: Sequence[int]) -> list[float]:
     """How far each tower of the firmware is turned from its usual place, anticlockwise, degrees."""
     places = zip(drives, USUAL_ANGLES_DEG, strict=True)
     angles = values.towers.angle_deg
@@ -127,7 +127,7 @@ def _entries_now(entry: str, now: Sequence[float], drives: Sequence[int], unit: 
 
 def _export(
     offsets: Offsets,
-    values: Entered,
+    values: EnteredTowers,
     instruction: str,
     controller_words: str,
     drives: Sequence[int],

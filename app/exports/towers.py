@@ -37,7 +37,7 @@ from calib.tripod.towers import (
     ALL_ALIKE,
     ON_ONE_CIRCLE,
     RAILS,
-    Entered,
+    EnteredTowers,
     TowerEntries,
     each_alone,
     entered,
@@ -75,7 +75,7 @@ STEPS = (
 
 def fitted(
     offsets: Offsets, entries: TowerEntries, steps_now: Sequence[float] | None = None
-) -> tuple[Offsets, Entered]:
+) -> tuple[Offsets, EnteredTowers]:
     """Values of a controller that has these entries, with the bound of what they hold.
 
     ``steps_now`` is what it holds for the travel of each tower; None: that stays as it is. Raises
@@ -104,7 +104,7 @@ def fitted(
     return _bounded(kinematics, values), values
 
 
-def _check_lengths(values: Entered) -> None:
+def _check_lengths(values: EnteredTowers) -> None:
     if (
         not values.entries.lengths
         and max(values.now.length_mm) - min(values.now.length_mm) > LEAST_MM
@@ -112,7 +112,7 @@ def _check_lengths(values: Entered) -> None:
         raise UsageError("lengths of the bars held now", "unequal ones", "one length for all bars")
 
 
-def _bounded(offsets: Offsets, values: Entered, along: Sequence[StageEffect] = ()) -> Offsets:
+def _bounded(offsets: Offsets, values: EnteredTowers, along: Sequence[StageEffect] = ()) -> Offsets:
     """The bound with these values, and those of the joints for effects ``along`` the drives.
 
     That of a model file is gone where they leave a part of it.
@@ -129,7 +129,7 @@ NOTICEABLE_MM = 0.005
 
 
 def comments(
-    offsets: Offsets, values: Entered, instruction: str, controller_words: str
+    offsets: Offsets, values: EnteredTowers, instruction: str, controller_words: str
 ) -> list[str]:
     """What stands above the values: where they go, what they are for, what they leave, cautions.
 

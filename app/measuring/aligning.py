@@ -32,7 +32,7 @@ LEAST_SHOWN = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Aligned:
+class RailAlignment:
     """What a session tells of the rails, and the moves that make them square and meet."""
 
     machine: Machine
@@ -50,7 +50,7 @@ class Aligned:
         return self.machine.with_drives_of(geometry)
 
 
-def align_session(session: Session, reference: Leg) -> Aligned:
+def align_session(session: Session, reference: Leg) -> RailAlignment:
     """Raises UsageError where legs cannot be read, NotIdentifiable and RecordError."""
     machine = session.opened.machine
     drive = ALL_AXES.index(reference)
@@ -62,7 +62,7 @@ def align_session(session: Session, reference: Leg) -> Aligned:
         drive,
     )
     moves = shims(alignment_found, drive, machine.rails_rest_mm())
-    return Aligned(machine, reference, alignment_found, tuple(moves))
+    return RailAlignment(machine, reference, alignment_found, tuple(moves))
 
 
 def check_procedure(procedure: Procedure, machine: Machine, reference: Leg) -> None:
@@ -92,7 +92,7 @@ class Round:
     """One round of turning screws; ``moved_mm`` are the moves that are in the record."""
 
     guided: GuidedSession
-    aligned: Aligned
+    aligned: RailAlignment
     moved_mm: dict[int, float | None] = field(default_factory=dict)
     watching: int | None = None
     chosen: int = 0

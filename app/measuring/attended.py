@@ -51,7 +51,7 @@ class TakenBy(StrEnum):
     NOBODY = "a replay"
 
 
-class Attended:
+class AttendedSession:
     """How a person drives a session.
 
     ``automatic``: readings that moved are taken when they rest. ``on_hold``: nothing is taken.

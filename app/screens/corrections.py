@@ -12,7 +12,7 @@ from textual import work
 from textual.screen import Screen
 
 from app.evaluating.solution import solve_files
-from app.measuring.attended import Attended
+from app.measuring.attended import AttendedSession
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
 from app.report.text import questions
@@ -34,7 +34,7 @@ class Corrections(MainScreen[None]):
     def __init__(self, guided: GuidedSession, plan: Plan) -> None:
         super().__init__()
         self.guided, self.plan = guided, plan
-        self.attended = Attended(guided)
+        self.attended = AttendedSession(guided)
         self.correcting = Correcting(self, guided)
         self.busy = self.asking = False
 

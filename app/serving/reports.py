@@ -121,7 +121,7 @@ MACHINE_COLUMNS = ("machine", "sessions", "last")
 
 
 @dataclass(frozen=True)
-class Listed:
+class Listing:
     """A heading with a table; a folder has a key of its history."""
 
     name: str
@@ -182,7 +182,7 @@ class ReportPages:
         return _page(
             f"History: {folder.name}",
             text="\n\n".join([*(words if waiting else []), *problems]),
-            folders=[Listed("Machines", "", machines, columns=MACHINE_COLUMNS)],
+            folders=[Listing("Machines", "", machines, columns=MACHINE_COLUMNS)],
             again=again,
         )
 
@@ -195,15 +195,15 @@ class ReportPages:
     def _folders(self) -> list[Path]:
         return [path for path in self._paths if path.is_dir()]
 
-    def _listed(self) -> list[Listed]:
+    def _listed(self) -> list[Listing]:
         alone = [path for path in self._paths if not path.is_dir()]
-        lists = [Listed("Sessions", "", _rows(alone, None))] if alone else []
+        lists = [Listing("Sessions", "", _rows(alone, None))] if alone else []
         for folder in self._folders():
             sessions = sessions_below(folder)
             rows = _rows(sessions[:MOST_LISTED], folder)
             remaining = max(0, len(sessions) - MOST_LISTED)
             lists.append(
-                Listed(printable(folder.name), _key(folder), rows, remaining, below=DECISION)
+                Listing(printable(folder.name), _key(folder), rows, remaining, below=DECISION)
             )
         return lists
 
@@ -304,7 +304,7 @@ def _page(
     *,
     status: int = 200,
     text: str = "",
-    folders: Sequence[Listed] = (),
+    folders: Sequence[Listing] = (),
     again: bool = False,
 ) -> web.Response:
     """A page with links in ``folders``; a browser loads it ``again`` where more is to come."""

@@ -10,7 +10,7 @@ import numpy as np
 from calib.arrays import Observations, squares_in, without
 from calib.diagnosis.claims import NAMES
 from calib.diagnosis.gap import Leftover
-from calib.diagnosis.results import AliasMap, Imitation, Named
+from calib.diagnosis.results import AliasMap, EffectName, Imitation
 from calib.noise.reading import IndicatorFigures
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.problem import PosteriorProblem
@@ -53,10 +53,12 @@ def alias_map(model: Model, planned: Observations, effects: Sequence[Effect]) ->
             if share > ALIKE:
                 column = leftover.about.left_by(columns.sum(axis=1)[:, None])
                 remainder = float((without(outer, column) ** 2).sum())
-                pair = Named(first.id, first.where), Named(second.id, second.where)
+                pair = EffectName(first.id, first.where), EffectName(second.id, second.where)
                 imitations.append(Imitation(*pair, share, remainder))
     return AliasMap(
-        tuple(dict.fromkeys(Named(component.id, component.where) for component, _ in compared)),
+        tuple(
+            dict.fromkeys(EffectName(component.id, component.where) for component, _ in compared)
+        ),
         tuple(imitations),
-        tuple(starmap(Named, invisible(model, cells.means, effects))),
+        tuple(starmap(EffectName, invisible(model, cells.means, effects))),
     )

@@ -15,15 +15,15 @@ from typing import TypeVar
 import numpy as np
 
 from calib.arrays import TOOL, descending
-from calib.diagnosis.results import Named, Verdict
+from calib.diagnosis.results import EffectName, Verdict
 from calib.diagnosis.thresholds import AGREED, EVEN, MISSING, OPEN, SURE
 from calib.posterior.gaussian import About
 from calib.posterior.library import Component
-from calib.posterior.models import Posterior, Weighted
+from calib.posterior.models import Posterior, WeightedModel
 from calib.posterior.race import log_prior_odds
 from calib.tripod.effects.empirical import EMPIRICAL
 
-Key = TypeVar("Key", str, Named)
+Key = TypeVar("Key", str, EffectName)
 
 NAMES = ("named", "beside", "mistake")
 """Kinds of components that have a name for a mechanic."""
@@ -40,7 +40,7 @@ after any readings as before, and such laws together kept a fifth of sound machi
 class Claim:
     """What a model says: names at places, and whether something without a name acts beside."""
 
-    names: frozenset[Named]
+    names: frozenset[EffectName]
     unnamed: bool
 
     @property
@@ -73,7 +73,7 @@ WITHIN = 2.0
 """Tolerances, which are standard deviations: a parameter of geometry off by more is wrong."""
 
 
-def _beyond_tolerance(posterior: Posterior, model: Weighted) -> list[int]:
+def _beyond_tolerance(posterior: Posterior, model: WeightedModel) -> list[int]:
     """The components of a model but for parameters of geometry within their tolerances.
 
     A machine whose drives lie as such drives do is as stated, whichever way a model has it.
@@ -96,7 +96,7 @@ class NamedVerdict:
     """A verdict with the places that it names, each with its rivals, the likeliest first."""
 
     verdict: Verdict
-    rivals: Mapping[Named, tuple[Named, ...]]
+    rivals: Mapping[EffectName, tuple[EffectName, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ class Claims:
     """
 
     weights: Mapping[Claim, float]
-    reach: Mapping[Named, tuple[frozenset[str], bool]]
+    reach: Mapping[EffectName, tuple[frozenset[str], bool]]
 
     @classmethod
     def of(cls, posterior: Posterior) -> Claims:
@@ -130,10 +130,10 @@ class Claims:
                     continue
             members = [components[k] for k in _beyond_tolerance(posterior, model)]
             names = {name_of(member) for member in members if member.kind in NAMES}
-            names |= {Named(mistake.id, mistake.where) for mistake in model.mistakes}
+            names |= {EffectName(mistake.id, mistake.where) for mistake in model.mistakes}
             claim = Claim(frozenset(names), any(m.kind not in NAMES for m in members))
             weights[claim] = weights.get(claim, 0.0) + model.weight
-        reach: dict[Named, tuple[frozenset[str], bool]] = {}
+        reach: dict[EffectName, tuple[frozenset[str], bool]] = {}
         for component in components:
             candidate = component.candidate
             has_values = candidate is not None and candidate.arrangement in ("one", "each")
@@ -165,7 +165,7 @@ class Claims:
         return self.probability(lambda claim: bool(claim.names) and not claim.unnamed)
 
     @cached_property
-    def places(self) -> dict[Named, float]:
+    def places(self) -> dict[EffectName, float]:
         """Probability of each name at each place; the likeliest first."""
         return self._shares(lambda claim: claim.names)
 
@@ -182,7 +182,7 @@ class Claims:
                 shares[part] = shares.get(part, 0.0) + weight
         return dict(descending(sorted(shares.items()), lambda item: item[1]))
 
-    def one_in_other(self, first: Named, second: Named) -> bool:
+    def one_in_other(self, first: EffectName, second: EffectName) -> bool:
         """Whether an effect at one place with values of its own contains it at the other."""
         if first == second:
             return True
@@ -191,7 +191,7 @@ class Claims:
         (places, free), (places_of_second, second_free) = self.reach[first], self.reach[second]
         return (second_free and places <= places_of_second) or (free and places_of_second <= places)
 
-    def holds(self, claim: Claim, name: Named) -> bool:
+    def holds(self, claim: Claim, name: EffectName) -> bool:
         """Whether a claim has this name, at this place or at one that contains it."""
         return any(self.one_in_other(name, name_of_claim) for name_of_claim in claim.names)
 
@@ -217,9 +217,9 @@ class Claims:
         sure = with_all >= SURE * missing and alone >= EVEN * with_all and not any(rivals.values())
         return NamedVerdict("explained" if sure else "ambiguous", rivals)
 
-    def _heaviest(self) -> tuple[Named, ...]:
+    def _heaviest(self) -> tuple[EffectName, ...]:
         """The likeliest set of names that explains everything, at its likeliest places."""
-        sets: dict[frozenset[str], dict[frozenset[Named], float]] = {}
+        sets: dict[frozenset[str], dict[frozenset[EffectName], float]] = {}
         for claim, weight in self.weights.items():
             if claim.names and not claim.unnamed:
                 sets.setdefault(claim.ids, {})[claim.names] = weight
@@ -249,12 +249,12 @@ class Claims:
             folded[onto] = folded.get(onto, 0.0) + self.weights[claim]
         return folded
 
-    def _rivals_of(self, name: Named, head: Sequence[Named]) -> tuple[Named, ...]:
+    def _rivals_of(self, name: EffectName, head: Sequence[EffectName]) -> tuple[EffectName, ...]:
         """What claims without a name have in its place, the likeliest first; the rest is `OPEN`."""
         folded = self._folded
         lacking = [claim for claim in folded if not self.holds(claim, name)]
         open_weight = math.fsum(folded[claim] for claim in lacking)
-        rivals: dict[Named, None] = {}
+        rivals: dict[EffectName, None] = {}
         for claim in descending(lacking, folded.__getitem__):
             if open_weight <= OPEN * self.missing:
                 break
@@ -265,12 +265,12 @@ class Claims:
                 if not any(self.one_in_other(other_name, rival) for other_name in head)
             ]
             if claim.unnamed and not rival_names:
-                rival_names = [Named(EMPIRICAL, name.where)]
+                rival_names = [EffectName(EMPIRICAL, name.where)]
             rivals |= dict.fromkeys(sorted(rival_names))
         return tuple(rivals)
 
 
-def conditional(posterior: Posterior, names: Collection[Named]) -> Posterior | None:
+def conditional(posterior: Posterior, names: Collection[EffectName]) -> Posterior | None:
     """The posterior if these names are true, each at its place or at one that contains it.
 
     Laws without a name count as names here. None where no model has all of them.
@@ -292,6 +292,6 @@ def conditional(posterior: Posterior, names: Collection[Named]) -> Posterior | N
     return replace(posterior, models=weighted)
 
 
-def name_of(component: Component) -> Named:
+def name_of(component: Component) -> EffectName:
     """Name and place of a component."""
-    return Named(component.id, component.where)
+    return EffectName(component.id, component.where)

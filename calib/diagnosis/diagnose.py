@@ -28,11 +28,11 @@ from calib.diagnosis.results import (
     Contender,
     Detectable,
     Diagnosis,
+    EffectName,
     Finding,
     HeldOutGap,
     LikelyName,
     ModelDiscrepancy,
-    Named,
     Value,
     Verdict,
 )
@@ -161,7 +161,7 @@ class _Report:
     def _findings(self) -> list[Finding]:
         """What is named, mistakes of the readings first, each adopted beside those before it."""
         mistakes = {
-            Named(m.id, m.where): m for model in self.posterior.models for m in model.mistakes
+            EffectName(m.id, m.where): m for model in self.posterior.models for m in model.mistakes
         }
         before_mm = self.before.rms_mm(self.before.left)
         findings: list[Finding] = []
@@ -196,7 +196,7 @@ class _Report:
         probability: float,
         adopted: tuple[EffectInstance, ...],
         before_mm: float,
-        rivals: tuple[Named, ...] = (),
+        rivals: tuple[EffectName, ...] = (),
     ) -> Finding:
         """Components of one name beside what is adopted."""
         component = self.components[numbers[0]]
@@ -216,7 +216,7 @@ class _Report:
         except CalibrationError:
             return None
 
-    def _acting(self, name: Named) -> tuple[int, ...]:
+    def _acting(self, name: EffectName) -> tuple[int, ...]:
         """The components of a name at a place; of several, such as screws of two leads, the best.
 
         Two leads of one screw may act together: they are terms of a series. Of those that fit as
@@ -235,7 +235,7 @@ class _Report:
             for value, parameter in zip(placed.values, placed.effect.parameters, strict=True)
         )
 
-    def _weights(self, name: Named) -> dict[tuple[int, ...], float]:
+    def _weights(self, name: EffectName) -> dict[tuple[int, ...], float]:
         """Weights of the models that have each set of components with a name at a place.
 
         Other components of this name are in none of these models.
@@ -368,7 +368,7 @@ class _Report:
         return np.hstack(blocks)
 
     @cached_property
-    def _likeliest_names(self) -> list[Named]:
+    def _likeliest_names(self) -> list[EffectName]:
         """Names of the components of the likeliest labels."""
         return [
             name_of(component) for component in self.components[: len(self.posterior.linear.index)]
@@ -418,7 +418,7 @@ class _Report:
                 f" {count} values; how the values share that is not known"
             )
 
-    def _leads(self, name: Named) -> Iterator[str]:
+    def _leads(self, name: EffectName) -> Iterator[str]:
         """Screws of which the readings do not tell the lead."""
         weights: dict[tuple[float, ...], float] = {}
         for numbers, weight in self._weights(name).items():
@@ -542,7 +542,7 @@ def explained_share(before_rms_mm: float, after_rms_mm: float) -> float:
     return min(max(1.0 - (after_rms_mm / before_rms_mm) ** 2, 0.0), 1.0)
 
 
-def _rival_words(rival: Named, ids: Collection[str]) -> str:
+def _rival_words(rival: EffectName, ids: Collection[str]) -> str:
     """The rival's id; where a finding shares it, with the place that tells them apart."""
     if rival.id == EMPIRICAL:
         return "an unnamed effect"

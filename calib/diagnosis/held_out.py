@@ -19,7 +19,7 @@ from calib.posterior.cells import Cells
 from calib.posterior.columns import free_columns, linear_about
 from calib.posterior.gaussian import About
 from calib.posterior.library import Component
-from calib.posterior.models import Linear, Posterior
+from calib.posterior.models import LinearSessions, Posterior
 from calib.posterior.race import SCALES, Key, Products, Race
 from calib.posterior.readings import LENGTHS
 from calib.tripod.effects.effect import Effect, EffectInstance
@@ -68,7 +68,7 @@ def left_out_postures(
 
 def _linear_with(
     posterior: Posterior, after: Leftover, adopted: Sequence[EffectInstance]
-) -> Linear:
+) -> LinearSessions:
     """The sessions about the machine with these effects, as if it had none of them."""
     lengths, offsets = np.split(after.rows.value, [LENGTHS])
     models = []
@@ -95,7 +95,7 @@ def _linear_with(
 class _LeftOut:
     posterior: Posterior
     leftover: Leftover
-    linear: Linear
+    linear: LinearSessions
     kinds: Collection[str]
 
     def gap(self) -> HeldOutGap | None:

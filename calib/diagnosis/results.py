@@ -43,7 +43,7 @@ class GapPart:
 
 
 @dataclass(frozen=True, order=True)
-class Named:
+class EffectName:
     """An effect's name and place."""
 
     id: str
@@ -83,7 +83,7 @@ class Finding:
     probability: Annotated[float, Quantity(words="of this name at this place")]
     gap_rms_before_mm: float
     gap_rms_after_mm: float
-    indistinguishable_from: tuple[Named, ...] = ()
+    indistinguishable_from: tuple[EffectName, ...] = ()
     effects: Effects = field(default=(), repr=False, metadata=INTERNAL)
 
     @property
@@ -270,8 +270,8 @@ class Imitation:
     Below 9 noise variances they cannot be told apart, above 25 they can.
     """
 
-    effect: Named
-    by: Named
+    effect: EffectName
+    by: EffectName
     contained: Annotated[float, Quantity(words="1: they cannot be separated")]
     left_in_noise_variances: Annotated[float, Quantity(words="of an unremarkable size")]
 
@@ -280,6 +280,6 @@ class Imitation:
 class AliasMap:
     """Imitations that matter, in both directions, and effects that no reading shows."""
 
-    effects: tuple[Named, ...]
+    effects: tuple[EffectName, ...]
     imitations: tuple[Imitation, ...]
-    invisible: tuple[Named, ...]
+    invisible: tuple[EffectName, ...]

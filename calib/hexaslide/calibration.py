@@ -106,7 +106,7 @@ class _Point:
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class _SeenDirections:
     """A design's singular values with what is below the rank cut off."""
 
     left: FloatArray
@@ -115,10 +115,12 @@ class _Seen:
     null: FloatArray
 
     @staticmethod
-    def of(design: FloatArray) -> _Seen:
+    def of(design: FloatArray) -> _SeenDirections:
         left_vectors, singular, right = svd_of_all(design)
         rank = int((singular > EXACT_BLIND * singular[0]).sum())
-        return _Seen(left_vectors[:, :rank], singular[:rank], right[:rank], right[rank:].T)
+        return _SeenDirections(
+            left_vectors[:, :rank], singular[:rank], right[:rank], right[rank:].T
+        )
 
     def step(self, residual: FloatArray) -> FloatArray:
         """The shortest change ``(k,)`` that takes out most of a residual ``(n,)``."""
@@ -142,7 +144,7 @@ def calibrate(readings: Readings, start: HexaSlide, *, fewest: int = 1) -> Calib
     white = whitening(readings, start.geometry)
     first = point = _at(readings, start, white, None)
     for step_number in range(1, MOST_STEPS + 1):
-        step = _Seen.of(point.design).step(point.residual)
+        step = _SeenDirections.of(point.design).step(point.residual)
         moved = _rms(point.design @ step)
         last = moved <= max(SETTLED * _rms(point.residual), ROUNDING_M)
         point, full = _taken(readings, white, point, step, final=last)
@@ -196,7 +198,7 @@ def _taken(
 
 def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Calibration:
     names = readings.procedure.parameters
-    parts_seen = _Seen.of(point.design)
+    parts_seen = _SeenDirections.of(point.design)
     rank, count = len(parts_seen.singular), point.residual.size
     spare = count - rank
     square = float(point.residual @ point.residual)

@@ -110,7 +110,7 @@ class AgainstTruth:
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class KnownValues:
     """Values ``(m,)`` with standard uncertainties and half widths of 95 %, None without noise."""
 
     values: FloatArray
@@ -118,30 +118,30 @@ class Known:
     expanded: FloatArray | None
 
 
-def parameters_alone(calibrated: Calibration) -> Known:
+def parameters_alone(calibrated: Calibration) -> KnownValues:
     """Parameters ``(k,)`` by the noise alone; of those that are known together it means nothing."""
     return _by_noise(calibrated, np.eye(len(calibrated.names)), calibrated.parameters)
 
 
-def lengths_alone(calibrated: Calibration) -> Known:
+def lengths_alone(calibrated: Calibration) -> KnownValues:
     """`inner_lengths` ``(26,)``, m, by the noise alone; without it where more is open than frames:
     what is left as it was is not known.
     """
     lengths_m = np.asarray(inner_lengths(calibrated.machine.geometry))
     if calibrated.left_open:
-        return Known(lengths_m, None, None)
+        return KnownValues(lengths_m, None, None)
     return _by_noise(calibrated, length_slopes(calibrated), lengths_m)
 
 
-def _by_noise(calibrated: Calibration, slopes: FloatArray, values: FloatArray) -> Known:
+def _by_noise(calibrated: Calibration, slopes: FloatArray, values: FloatArray) -> KnownValues:
     if calibrated.covariance is None or calibrated.factor is None:
-        return Known(values, None, None)
+        return KnownValues(values, None, None)
     standard = np.sqrt(((slopes @ calibrated.covariance) * slopes).sum(axis=1))
-    return Known(values, standard, calibrated.factor * standard)
+    return KnownValues(values, standard, calibrated.factor * standard)
 
 
 @dataclass(frozen=True, eq=False)
-class Checked:
+class CheckedCalibration:
     """A calibration with its checks. ``by_column`` and ``by_posture`` share what is left;
     ``numbers`` are the fitted postures.
     """
@@ -158,7 +158,7 @@ class Checked:
 
 def checked_calibration(
     readings: Readings, nominal: HexaSlide, true: HexaSlide | None, share: float
-) -> Checked:
+) -> CheckedCalibration:
     """Identify from readings, about ``share`` of their postures kept out.
 
     Raises CalibrationError where the postures give no result.
@@ -172,7 +172,7 @@ def checked_calibration(
         checked = readings.take(out)
         left = (residuals_of(checked, machine) for machine in (nominal, calibrated.machine))
         held_out = HeldOut(checked.numbers, *left)
-    return Checked(
+    return CheckedCalibration(
         start=nominal.parameters(calibrated.names),
         fit=calibrated,
         fewest=fewest,

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.arrays import FloatArray
 from calib.hexaslide.calibration import Calibration
-from calib.hexaslide.checked import Known, frames_apart, lengths_alone
+from calib.hexaslide.checked import KnownValues, frames_apart, lengths_alone
 from calib.hexaslide.correction import lengths_of, moved_by, over_all
 from calib.hexaslide.diagnosis import FEWEST_SPARE, WeighedCauses
 from calib.hexaslide.geometry import HexaSlide
@@ -50,7 +50,7 @@ class MeasuredMachine:
         return acting @ mean, self._inflation * np.hstack([by_noise, acting @ root_of(covariance)])
 
     @property
-    def lengths_m(self) -> Known:
+    def lengths_m(self) -> KnownValues:
         """`inner_lengths` ``(26,)``, of all models where there are any."""
         return lengths_alone(self.calibrated) if self.models is None else lengths_of(self.models)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.arrays import FloatArray
 from calib.hexaslide.causes import causes_of_machine
-from calib.hexaslide.checked import Known, inner_lengths, length_slopes, lengths_alone
+from calib.hexaslide.checked import KnownValues, inner_lengths, length_slopes, lengths_alone
 from calib.hexaslide.diagnosis import WeighedCauses
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.platform import Places, PlatformError
@@ -41,8 +41,8 @@ class HexaSlideCorrection:
 
     machine: HexaSlide
     platform: PlatformError
-    parameters: Known | None = None
-    lengths_m: Known | None = None
+    parameters: KnownValues | None = None
+    lengths_m: KnownValues | None = None
 
 
 def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorrection | None:
@@ -99,7 +99,7 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
 
 def known_of(
     models: WeighedCauses, slopes: FloatArray, at: FloatArray, stated: FloatArray | None = None
-) -> Known:
+) -> KnownValues:
     """Values ``(m,)`` that are ``at`` for the calibrated machine and have these ``slopes``
     ``(m, k)`` by its parameters: as they are expected over all models, or as they are ``stated``.
     """
@@ -116,10 +116,10 @@ def known_of(
     mean_values = np.array(means)
     values = models.weights @ mean_values if stated is None else stated
     off = mean_values - values
-    return Known(values, *mixture_uncertainties(models.weights, off, np.array(variances)))
+    return KnownValues(values, *mixture_uncertainties(models.weights, off, np.array(variances)))
 
 
-def lengths_of(models: WeighedCauses) -> Known:
+def lengths_of(models: WeighedCauses) -> KnownValues:
     """`inner_lengths` ``(26,)``, m; what is known of them as `lengths_alone` has it."""
     calibrated = models.calibrated
     if calibrated.left_open:

@@ -9,14 +9,14 @@ import numpy as np
 from calib.arrays import FloatArray, IntArray
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.library import ELSE, OTHER_BARS, Component, other_bars, something_else
-from calib.posterior.models import Linear
+from calib.posterior.models import LinearSessions
 from calib.posterior.readings import LENGTHS, Placed, Rows, placed_columns, rows_of
 from calib.tripod.pipeline import Model
 
 
 def linear_about(
     sessions: Sequence[Cells], models: Sequence[Model], components: Sequence[Component]
-) -> tuple[Linear, tuple[Component, ...], tuple[Placed, ...]]:
+) -> tuple[LinearSessions, tuple[Component, ...], tuple[Placed, ...]]:
     """The sessions about a model of each; components with as many values as they have columns."""
     rows, placed, blocks = rows_and_blocks(sessions, models, components)
     of_postures, squares = _of_postures(sessions, len(rows.residual))
@@ -34,7 +34,7 @@ def linear_about(
     )
     columns = np.hstack([block for _, block in pairs])
     sized = tuple(component for component, _ in pairs)
-    return Linear(rows, columns, index), sized, placed
+    return LinearSessions(rows, columns, index), sized, placed
 
 
 def rows_and_blocks(

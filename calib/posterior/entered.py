@@ -19,7 +19,7 @@ from calib.tripod.effects.effect import PER_THOUSAND, EffectInstance
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
 
 if TYPE_CHECKING:  # scipy.optimize comes with it
-    from calib.tripod.towers import Entered
+    from calib.tripod.towers import EnteredTowers
 
 OFFSETS = (0, 1, 2)
 """Columns of the joint offsets in the tool's field."""
@@ -61,7 +61,7 @@ def offsets_beside(kept: Model, machine: Model, frame: Frame) -> tuple[FloatArra
     return entered[list(OFFSETS)], math.sqrt(mean_square(field.metrics[frame], off - entered))
 
 
-def tower_values(posterior: Posterior, entered: Entered) -> FloatArray:
+def tower_values(posterior: Posterior, entered: EnteredTowers) -> FloatArray:
     """Switches, bars, towers and travels of a printer's firmware in the field ``(6 + k,)``.
 
     Raises ImpossibleRequest for travels where the field has no scale of the drives.

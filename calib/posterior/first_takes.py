@@ -23,7 +23,7 @@ from calib.posterior.apart import (
 )
 from calib.posterior.cells import FINEST_MM, Cells
 from calib.posterior.library import Component
-from calib.posterior.models import Weighted
+from calib.posterior.models import WeightedModel
 from calib.posterior.race import SCALES
 from calib.posterior.readings import placed_columns
 from calib.posterior.screening import even_mm
@@ -168,8 +168,8 @@ def log_priors(
 
 
 def reached(
-    models: Sequence[Weighted], within: Sequence[WithinPlay], components: Sequence[Component]
-) -> tuple[list[Weighted], float]:
+    models: Sequence[WeightedModel], within: Sequence[WithinPlay], components: Sequence[Component]
+) -> tuple[list[WeightedModel], float]:
     """Models with a play that reaches first takes, and the log share that they have of all.
 
     All of them and -inf where none does.
@@ -187,7 +187,7 @@ def reached(
     )
 
 
-def _plays_mm(model: Weighted, components: Sequence[Component]) -> dict[str, float]:
+def _plays_mm(model: WeightedModel, components: Sequence[Component]) -> dict[str, float]:
     """How large a model's play of each carriage may be, `REACHES` above its mean."""
     at, play_mm = len(model.base), dict[str, float]()
     for k in model.members:

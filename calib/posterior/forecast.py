@@ -30,7 +30,7 @@ from calib.identify.fit import design_of
 from calib.posterior.cells import BASE, HOMING_MM, Cells
 from calib.posterior.correction import projector_of
 from calib.posterior.library import ELSE, something_else
-from calib.posterior.mixture import ExpectedReadings, Group, Updated
+from calib.posterior.mixture import ExpectedReadings, Group, UpdatedGroup
 from calib.posterior.models import Posterior
 from calib.posterior.readings import LENGTHS, Placed, placed_columns
 from calib.posterior.tool import Frame
@@ -277,7 +277,7 @@ class Forecast:
             total += share * self._bound_mm(updated, weight, true.expected[:, j])
         return total
 
-    def weight_if(self, updated: Sequence[Updated], true: Updated, j: int) -> FloatArray:
+    def weight_if(self, updated: Sequence[UpdatedGroup], true: UpdatedGroup, j: int) -> FloatArray:
         """Weights of the models ``(M,)`` expected after readings of model j, which is ``true``."""
         log = np.log(self.weight)
         for update in updated:
@@ -299,7 +299,7 @@ class Forecast:
         return matrices
 
     def _bound_mm(
-        self, updated: Sequence[Updated], weight: FloatArray, readings: FloatArray
+        self, updated: Sequence[UpdatedGroup], weight: FloatArray, readings: FloatArray
     ) -> float:
         """The bound of a mixture where these are the readings ``(n,)``."""
         count, q = len(self.weight), len(self.shown)

@@ -80,7 +80,7 @@ class RivalModel:
 Solution = TypeVar("Solution")
 
 
-class Beside(Protocol):
+class RivalModels(Protocol):
     """Models of a session that may be true beside a mistake in it."""
 
     def __call__(self, number: int, *, alone: bool) -> Sequence[RivalModel]:
@@ -88,7 +88,7 @@ class Beside(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Solved(Generic[Solution]):
+class SolvedSessions(Generic[Solution]):
     """Sessions with what may be true of them: the log evidence, and models of each session.
 
     ``beside`` are the heaviest models of a session by its number, or single names ``alone``.
@@ -98,7 +98,7 @@ class Solved(Generic[Solution]):
 
     solution: Solution
     log_evidence: float
-    beside: Beside
+    beside: RivalModels
     with_one_name: Callable[[int, FloatArray], FloatArray]
     mistakes: tuple[Mistake, ...] = ()
     log_prior: float = 0.0
@@ -112,7 +112,7 @@ class Solved(Generic[Solution]):
 
 
 def suspects(
-    solved: Solved[Solution], now: Sequence[Cells], number: int, *, depart: bool
+    solved: SolvedSessions[Solution], now: Sequence[Cells], number: int, *, depart: bool
 ) -> list[Mistake]:
     """Mistakes of a session by its number that may be likelier than none, the likeliest first.
 
@@ -307,8 +307,8 @@ class Way:
 
 
 def with_mistakes(
-    ways: Sequence[Way], solve: Callable[[Sequence[Cells], bool], Solved[Solution]]
-) -> list[Solved[Solution]]:
+    ways: Sequence[Way], solve: Callable[[Sequence[Cells], bool], SolvedSessions[Solution]]
+) -> list[SolvedSessions[Solution]]:
     """The sessions as they are, and put right in each way that may be true; the likeliest first.
 
     The sessions may have come about in several ``ways``. One mistake after the other: each is
@@ -353,14 +353,14 @@ def with_mistakes(
 
 
 def _explained(
-    ways: Sequence[Way], solve: Callable[[Sequence[Cells], bool], Solved[Solution]]
-) -> list[tuple[Way, Solved[Solution]]]:
+    ways: Sequence[Way], solve: Callable[[Sequence[Cells], bool], SolvedSessions[Solution]]
+) -> list[tuple[Way, SolvedSessions[Solution]]]:
     """Each way with what may be true of it.
 
     Of several machines the first is the freest: visits that had no chance on it, with the same
     changes between sessions, are not tried on the others.
     """
-    explained: list[tuple[Way, Solved[Solution]]] = []
+    explained: list[tuple[Way, SolvedSessions[Solution]]] = []
     for way in ways:
         best = max((result.log_weight for _, result in explained), default=0.0)
         alike = (

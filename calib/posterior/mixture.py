@@ -106,7 +106,7 @@ class Group:
         """Sums of columns ``(R,)`` for each model ``(M,)``."""
         return np.asarray(np.bincount(self.owner, values, len(self.rows)))
 
-    def updated(self, readings: ExpectedReadings, followed: Sequence[int]) -> Updated:
+    def updated(self, readings: ExpectedReadings, followed: Sequence[int]) -> UpdatedGroup:
         """The group with the covariance after these readings: the base, beside it the sizes."""
         of_base = readings.columns @ self.base
         noise = np.hstack([readings.loose, self.size_mm * readings.own])
@@ -131,7 +131,7 @@ class Group:
             explained[:, block] = np.moveaxis(inside @ root, 0, 1)
             logs = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
             room[self.owner[block[:, 0]]] -= logs
-        return Updated(
+        return UpdatedGroup(
             self, white @ of_base, tuple(roots), explained, white, lower, expected, sizes, room
         )
 
@@ -145,7 +145,7 @@ def _blocks(widths: IntArray) -> tuple[IntArray, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class Updated:
+class UpdatedGroup:
     """A group after readings.
 
     ``shown`` ``(n, b)`` is what the base does to the readings made ``white`` ``(n, n)``, ``sizes``
@@ -205,7 +205,7 @@ class Updated:
         inside = np.array([self.group.sums(row) for row in along**2])
         return np.asarray(((departure**2).sum(axis=0) - inside) / self.group.inflated**2)
 
-    def log_factor(self, true: Updated, j: int) -> FloatArray:
+    def log_factor(self, true: UpdatedGroup, j: int) -> FloatArray:
         """Expected log Bayes factor ``(M,)`` of model j, which is ``true``, over each."""
         sizes, inside = true.sizes[:, true.group.owner == j], self.seen
         if true is not self:  # else white and lower are inverse

@@ -25,7 +25,7 @@ from calib.tripod.pipeline import MOVES_THE_TOOL, Model
 
 
 @dataclass(frozen=True, eq=False)
-class Weighted:
+class WeightedModel:
     """One model: components, their scales, weight, and the normal of its values ``(b + r,)``.
 
     A root of their covariance is ``base`` ``(b, b)``, which many models share, beside ``sizes``
@@ -67,7 +67,7 @@ class Weighted:
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
+class LinearSessions:
     """Sessions about one fit of the base, as components see them.
 
     ``columns`` ``(n, k)`` of all components, per unit of their values; ``index`` says which are
@@ -113,9 +113,9 @@ class Posterior:
 
     sessions: tuple[Cells, ...]
     components: tuple[Component, ...]
-    models: tuple[Weighted, ...]
+    models: tuple[WeightedModel, ...]
     field: ToolField
-    linear: Linear
+    linear: LinearSessions
 
     @property
     def geometry(self) -> Geometry:
@@ -127,11 +127,11 @@ class Posterior:
         """Lengths, and offsets of every session."""
         return LENGTHS + 3 * len(self.sessions)
 
-    def starts(self, model: Weighted) -> list[int]:
+    def starts(self, model: WeightedModel) -> list[int]:
         """Where the values of each member begin in those of a model."""
         return [at for _, at in self.placed(model)[len(model.everywhere) :]]
 
-    def placed(self, model: Weighted) -> list[tuple[int, int]]:
+    def placed(self, model: WeightedModel) -> list[tuple[int, int]]:
         """All components of a model, those everywhere first, and where the values of each begin."""
         numbers = *model.everywhere, *model.members
         ends = np.cumsum([self.parameter_count, *(len(self.components[k].unit) for k in numbers)])
@@ -170,7 +170,7 @@ class Posterior:
             models.append(replace(in_field, root=root, unplaced_mm2=self._unplaced_mm2(model)))
         return models
 
-    def _unplaced_mm2(self, model: Weighted) -> float:
+    def _unplaced_mm2(self, model: WeightedModel) -> float:
         """Expected mean square of errors in the readings that have no law at the tool, mm²."""
         square = 0.0
         for k, at in zip(model.members, self.starts(model), strict=True):
@@ -268,7 +268,9 @@ class Posterior:
         total = math.fsum(model.weight for model in models)
         return replace(self, models=tuple(replace(m, weight=m.weight / total) for m in models))
 
-    def mean_of(self, selected: Callable[[Weighted], FloatArray]) -> tuple[FloatArray, FloatArray]:
+    def mean_of(
+        self, selected: Callable[[WeightedModel], FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
         """Combinations ``(m,)`` of the values over all models, and their standard deviations.
 
         ``selected`` gives the combinations ``(m, b + r)`` of each model.
@@ -288,7 +290,7 @@ class Posterior:
         """
         count = len(laws[0][0].parameters)
 
-        def selected(model: Weighted) -> FloatArray:
+        def selected(model: WeightedModel) -> FloatArray:
             row = np.zeros((count, len(model.mean)))
             for k, at in self.placed(model):
                 for share in self.components[k].shares:
@@ -305,7 +307,7 @@ class Posterior:
         """
         at = LENGTHS + 3 * number
 
-        def selected(model: Weighted) -> FloatArray:
+        def selected(model: WeightedModel) -> FloatArray:
             row = np.zeros((3, len(model.mean)))
             row[:, at : at + 3], row[:, at - 3 : at] = np.eye(3), -np.eye(3)
             return row
@@ -321,7 +323,7 @@ class Posterior:
         mean = float(weight @ means)
         return mean, math.sqrt(float(weight @ (variance + means**2)) - mean**2)
 
-    def _unseen(self, model: Weighted, in_field: InField, unstated: FloatArray) -> FloatArray:
+    def _unseen(self, model: WeightedModel, in_field: InField, unstated: FloatArray) -> FloatArray:
         """Standard deviations ``(f,)`` of what these readings do not show.
 
         Parameters of lines that change none of them have their tolerance, ``unstated`` ``(f,)``; so
@@ -446,7 +448,7 @@ class Posterior:
         return self._shares(lambda m: ((components[k].id, components[k].where) for k in m.members))
 
     def _shares(
-        self, names_of: Callable[[Weighted], Iterable[tuple[str, str]]]
+        self, names_of: Callable[[WeightedModel], Iterable[tuple[str, str]]]
     ) -> dict[tuple[str, str], float]:
         """Weight of the models that have each name, the likeliest first."""
         shares: dict[tuple[str, str], float] = {}

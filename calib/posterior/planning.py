@@ -83,7 +83,7 @@ def _place_words(name: str, where: str) -> str:
 
 
 @dataclass(frozen=True)
-class Outside:
+class OutsideMeasurement:
     """A measurement with another instrument, and the bound where it shows no error.
 
     ``share`` is the part of the square of the bound that no reading of legs shows.
@@ -307,7 +307,7 @@ class Planner:
         return Separation(self.candidates[best], tuple(self._open[k][0] for k in subset), nearest)
 
     @cached_property
-    def outside(self) -> Outside | None:
+    def outside(self) -> OutsideMeasurement | None:
         """What shows the part of the error that legs do not see, where it is the larger one."""
         errors = self.posterior.for_bounds.tool_errors[self.correction.frame]
 
@@ -321,7 +321,7 @@ class Planner:
             return None
         after = {instrument: bound(columns) for instrument, (columns, _) in OUTSIDE.items()}
         best = min(after, key=lambda instrument: after[instrument])
-        return Outside(best, OUTSIDE[best][1], share, after[best])
+        return OutsideMeasurement(best, OUTSIDE[best][1], share, after[best])
 
 
 OUTSIDE: dict[str, tuple[tuple[int, ...], str]] = {

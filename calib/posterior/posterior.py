@@ -10,10 +10,10 @@ import numpy as np
 
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.first_takes import first_takes_apart
-from calib.posterior.labels import Solved, Way, with_mistakes
+from calib.posterior.labels import SolvedSessions, Way, with_mistakes
 from calib.posterior.library import Component
 from calib.posterior.library import laws as library_laws
-from calib.posterior.models import Posterior, Weighted
+from calib.posterior.models import Posterior, WeightedModel
 from calib.posterior.problem import PosteriorProblem
 from calib.posterior.race import LIGHTEST
 from calib.posterior.screws import with_searched_leads
@@ -51,7 +51,7 @@ def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = N
     laws = with_searched_leads(CATALOGUE if effects is None else effects, sessions)
     laws = (*laws, *_adopted_variants(cases[-1], laws))
 
-    def solve(sessions: Sequence[Cells], with_play: bool) -> Solved[Posterior]:
+    def solve(sessions: Sequence[Cells], with_play: bool) -> SolvedSessions[Posterior]:
         return PosteriorProblem.of(tuple(sessions), laws).solved(with_play=with_play)
 
     ways = [
@@ -124,7 +124,7 @@ def _ways_of_first_takes(sessions: Sequence[Cells], log_prior: float) -> list[Wa
     return ways
 
 
-def _mixed(solutions: Sequence[Solved[Posterior]]) -> Posterior:
+def _mixed(solutions: Sequence[SolvedSessions[Posterior]]) -> Posterior:
     """The sessions as they are, and put right in each way, weighed by their evidence.
 
     The first knows the sessions; each has components of its own, since its rows differ.
@@ -134,7 +134,7 @@ def _mixed(solutions: Sequence[Solved[Posterior]]) -> Posterior:
     share /= share.sum()
     share = np.where(share > LIGHTEST, share, 0.0) / share[share > LIGHTEST].sum()
     components: list[Component] = []
-    models: list[Weighted] = []
+    models: list[WeightedModel] = []
     for result, weight in zip(solutions, share.tolist(), strict=True):
         if not weight:
             continue

@@ -20,9 +20,9 @@ from calib.posterior.cells import Cells
 from calib.posterior.columns import free_columns, free_spread, linear_about, rows_and_blocks
 from calib.posterior.first_takes import log_priors, reached, within_plays
 from calib.posterior.gaussian import About, LittleOfAll
-from calib.posterior.labels import RivalModel, Solved
+from calib.posterior.labels import RivalModel, SolvedSessions
 from calib.posterior.library import ELSE, Component, library
-from calib.posterior.models import Linear, Posterior, Weighted, effects_of_tool
+from calib.posterior.models import LinearSessions, Posterior, WeightedModel, effects_of_tool
 from calib.posterior.race import SCALES, Key, Products, Race, RaceEntry
 from calib.posterior.readings import LENGTHS, Placed, Rows
 from calib.posterior.tool import laws_held, tool_field
@@ -121,7 +121,7 @@ class PosteriorProblem:
         )
         return root
 
-    def solved(self, *, with_play: bool = False) -> Solved[Posterior]:
+    def solved(self, *, with_play: bool = False) -> SolvedSessions[Posterior]:
         """Race, then each model with its normal; the heaviest followed through the simulation.
 
         ``with_play``: of models in which a play reaches first takes that stand apart; without any
@@ -149,7 +149,7 @@ class PosteriorProblem:
         lines = self.sessions[-1].case.geometry
         laws = dict.fromkeys([*self.placed, *laws_held(self.geometry), *placed, *lines])
         field = tool_field(self.geometry, tuple(laws))
-        linear = Linear(self.rows, self.columns, self.index)
+        linear = LinearSessions(self.rows, self.columns, self.index)
         result = Posterior(self.sessions, self.components, tuple(models), field, linear)
         constant = self.rows.log_constant + self._log_of_states() + self.log_of_lines + log_usual
         # something else explains any mistake away
@@ -169,7 +169,7 @@ class PosteriorProblem:
                 columns.T @ changed_rows, (changed_rows**2).sum(axis=0), names
             )
 
-        return Solved(result, log_evidence + constant, beside, with_one_name)
+        return SolvedSessions(result, log_evidence + constant, beside, with_one_name)
 
     @cached_property
     def _laws(self) -> LittleOfAll:
@@ -271,8 +271,8 @@ class PosteriorProblem:
 
     def _weighted(
         self, race: Race, entries: Sequence[RaceEntry], about: About
-    ) -> tuple[list[Weighted], float]:
-        models_by_key: dict[Key, tuple[float, Weighted]] = {}
+    ) -> tuple[list[WeightedModel], float]:
+        models_by_key: dict[Key, tuple[float, WeightedModel]] = {}
         gained_by_key: dict[Key, float] = {}
         white = self._laws.whitened(self.columns)
         along = about.basis[: len(white)].T @ white
@@ -305,14 +305,14 @@ class PosteriorProblem:
         ]
         return sorted(models, key=lambda model: -model.weight), log_evidence
 
-    def _model(self, race: Race, entry: RaceEntry, fit: ModelFit) -> Weighted:
+    def _model(self, race: Race, entry: RaceEntry, fit: ModelFit) -> WeightedModel:
         """The model with what its noise adds to its deviations; not weighed yet."""
         inflated = 1.0
         if not math.isinf(race.freedom):
             inflation = (race.freedom + fit.square) / max(race.freedom + race.free - 2.0, 1.0)
             inflated = math.sqrt(max(inflation, 1.0))
         members = entry.members, entry.scales, 0.0
-        return Weighted(*members, fit.mean, fit.base, fit.sizes, inflated, self.everywhere)
+        return WeightedModel(*members, fit.mean, fit.base, fit.sizes, inflated, self.everywhere)
 
     @cached_property
     def _one_sided(self) -> list[list[int]]:
@@ -336,7 +336,7 @@ class PosteriorProblem:
             for component in self.components
         ]
 
-    def _log_possible(self, model: Weighted) -> float:
+    def _log_possible(self, model: WeightedModel) -> float:
         """Sizes that no machine has below 0 have half a normal as prior, twice as high there."""
         at, log = len(model.base), 0.0
         for k in model.members:
@@ -516,7 +516,7 @@ def _fewer(race: Race, entries: Sequence[RaceEntry], best: RaceEntry) -> list[Ra
 class ModelFit:
     """Values of a model ``(b + r,)``, a root of their covariance, what is left, and the room.
 
-    ``base`` and ``sizes`` as in `Weighted`.
+    ``base`` and ``sizes`` as in `WeightedModel`.
     """
 
     mean: FloatArray

@@ -81,17 +81,19 @@ class Products:
     square: float
     room: float = 0.0
 
-    def taken_by(self, index: IntArray, scale: FloatArray, beside: slice) -> Taken:
+    def taken_by(self, index: IntArray, scale: FloatArray, beside: slice) -> ExplainedPart:
         """What columns ``(r,)`` of these scales ``(r,)`` take over of those ``beside``."""
         block = np.eye(len(index)) + scale[:, None] * self.inner[np.ix_(index, index)] * scale
         root = np.linalg.cholesky(block)
         products = np.column_stack([self.inner[index][:, beside], self.along[index]])
         explained = np.linalg.solve(root, scale[:, None] * products)
-        return Taken(explained[:, :-1], explained[:, -1], -float(np.log(root.diagonal()).sum()))
+        return ExplainedPart(
+            explained[:, :-1], explained[:, -1], -float(np.log(root.diagonal()).sum())
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
+class ExplainedPart:
     """What a model's columns take over of C'C and C'y.
 
     For others the products are C'C - ``shown``' ``shown`` ``(r, k)``, C'y - ``shown``' ``along``
@@ -139,7 +141,7 @@ class Race:
         log_weight = float(self.log_evidence(square, room)) + cost
         return RaceEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log_weight)
 
-    def _taken(self, key: Key, beside: slice) -> Taken:
+    def _taken(self, key: Key, beside: slice) -> ExplainedPart:
         index = np.concatenate([np.zeros(0, np.intp), *(self.columns[k] for k, _ in key)])
         scale_of_columns = [np.full(len(self.columns[k]), scale) for k, scale in key]
         return self.products.taken_by(

@@ -137,7 +137,7 @@ class Towers:
 
 
 @dataclass(frozen=True, eq=False)
-class Entered:
+class EnteredTowers:
     """What firmware with these entries is to hold in place of ``now``.
 
     That is ``towers``, with a step longer by the part ``stretch`` ``(3,)``, and with carriages
@@ -198,7 +198,7 @@ def tower_model(model: Model, change_mm: FloatArray, kept_effects: Sequence[Stag
     )
 
 
-def entered(model: Model, entries: TowerEntries) -> Entered:
+def entered(model: Model, entries: TowerEntries) -> EnteredTowers:
     """The values that leave least of the model's error at the tool, r.m.s. over the workspace.
 
     Least squares in tool space, both ways round, through the same stages as identification; what
@@ -266,7 +266,7 @@ def entered(model: Model, entries: TowerEntries) -> Entered:
     moved_mm = at_zero_mm(solution, 1.0) - standing[1.0]
     after_mm = tool_error_mm(model, lambda tool_mm: believed_mm(solution, tool_mm))
     before_mm = tool_error_mm(model)
-    return Entered(entries, now, towers, change, stretch, before_mm, after_mm, moved_mm)
+    return EnteredTowers(entries, now, towers, change, stretch, before_mm, after_mm, moved_mm)
 
 
 def _of_model(model: Model, now: Towers, entries: TowerEntries, *, travels: bool) -> FloatArray:

@@ -21,7 +21,7 @@ from app.report.charts.charts import (
 from app.report.charts.legs import FIRST, OTHER, LegFigure, left_by
 from app.report.text.tables import difference_words
 from calib.arrays import LEG_NAMES, FloatArray
-from calib.control_chart import Watched
+from calib.control_chart import WatchedQuantity
 from calib.diagnosis.results import SEEN, Cell
 from calib.identify.solution import Solution
 from protocols.procedure import Step
@@ -248,7 +248,7 @@ def control_charts(machine: MachineHistory) -> tuple[LegFigure, ...]:
     return tuple(figures)
 
 
-def _sessions(days: Sequence[float], joint: Watched) -> tuple[Series, ...]:
+def _sessions(days: Sequence[float], joint: WatchedQuantity) -> tuple[Series, ...]:
     """The change of an offset in each session, those that a limit or a rule marks apart."""
     points: dict[str, list[Point]] = {FIRST: [], OTHER: []}
     changes_um = (1000.0 * joint.change).tolist()
@@ -259,7 +259,7 @@ def _sessions(days: Sequence[float], joint: Watched) -> tuple[Series, ...]:
     return tuple(series_of(names[mark], at, mark) for mark, at in points.items() if at)
 
 
-def _limits(days: Sequence[float], joint: Watched, start_mm: float) -> Iterator[Stroke]:
+def _limits(days: Sequence[float], joint: WatchedQuantity, start_mm: float) -> Iterator[Stroke]:
     """The centre and the limits of each phase; a phase of one session has no limits."""
     phases: dict[tuple[float, float], list[float]] = {}
     rows = zip(days, joint.chart.centre.tolist(), joint.chart.limit.tolist(), strict=True)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from app.measuring.aligning import Aligned
+from app.measuring.aligning import RailAlignment
 from app.report.schema.document import Report, Source, schema
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.tripod.alignment import Shim
@@ -43,7 +43,7 @@ def _figures(
 class AlignmentReport(Report):
     """``align --json``: squareness, distances, and the moves of the two rails that do not stay."""
 
-    of = Source[str, Aligned]()
+    of = Source[str, RailAlignment]()
     schema_id: Literal["glidecal.alignment/1"] = schema("glidecal.alignment/1")
     session: str = of(lambda session, _: session)
     reference: str = of(lambda _, r: r.reference, "the rail that stays")

@@ -13,6 +13,7 @@ from calib.diagnosis.results import (
     Contender,
     Detectable,
     Diagnosis,
+    EffectName,
     Finding,
     Gap,
     GapPart,
@@ -20,7 +21,6 @@ from calib.diagnosis.results import (
     Imitation,
     LikelyName,
     ModelDiscrepancy,
-    Named,
     SharedPattern,
     Verdict,
 )
@@ -49,8 +49,8 @@ class SeparationEntry(Report):
 
     of = Source[Separation]()
     words: str = of(lambda r: r.words)
-    names: tuple[tuple[Named, ...], ...] = of(
-        lambda r: tuple(tuple(starmap(Named, name)) for name in r.names),
+    names: tuple[tuple[EffectName, ...], ...] = of(
+        lambda r: tuple(tuple(starmap(EffectName, name)) for name in r.names),
         "what is true together; none: no effect",
     )
     apart: float = of(lambda r: r.apart, "noise variances between the two nearest")
@@ -145,6 +145,6 @@ class AliasReport(Report):
 
     of = Source[AliasMap]()
     schema_id: Literal["glidecal.aliases/1"] = schema("glidecal.aliases/1")
-    effects: tuple[Named, ...] = of(lambda r: r.effects)
+    effects: tuple[EffectName, ...] = of(lambda r: r.effects)
     imitations: tuple[Imitation, ...] = of(lambda r: r.imitations)
-    invisible: tuple[Named, ...] = of(lambda r: r.invisible)
+    invisible: tuple[EffectName, ...] = of(lambda r: r.invisible)

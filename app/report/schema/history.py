@@ -9,7 +9,7 @@ from typing import Literal, cast
 from app.evaluating.history import Entry, History, MachineHistory
 from app.evaluating.posture_history import Decision, Point, PostureEntry, PostureHistory
 from app.report.schema.document import Numbers, Report, Source, finite, schema
-from calib.control_chart import Drift, Watched
+from calib.control_chart import Drift, WatchedQuantity
 from protocols.documents import Triple
 
 
@@ -39,7 +39,7 @@ class PastSession(Report):
 class WatchedJoint(Report):
     """Control chart of one joint offset, a value for each session."""
 
-    of = Source[Watched]()
+    of = Source[WatchedQuantity]()
     change_mm: Numbers = of(lambda r: r.change.tolist(), "from the first session")
     changed: list[bool] = of(
         lambda r: r.chart.changed.tolist(), "beyond its uncertainty and the limits so far"

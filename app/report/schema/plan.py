@@ -8,7 +8,7 @@ from app.planning.tripod import MeasurementPlan
 from app.report.schema.diagnosis import SeparationEntry
 from app.report.schema.document import Report, Source, maybe, schema
 from calib.posterior.correction import Holds
-from calib.posterior.planning import FurtherSetUp, Outside, Proposal
+from calib.posterior.planning import FurtherSetUp, OutsideMeasurement, Proposal
 from calib.posterior.tool import Frame
 from calib.tripod.pool import STATIONS
 
@@ -55,7 +55,7 @@ class PlanReport(Report):
     separation: SeparationEntry | None = of(
         lambda r: maybe(SeparationEntry.of, r.planner.separation)
     )
-    outside: Outside | None = of(
+    outside: OutsideMeasurement | None = of(
         lambda r: r.planner.outside, "where legs do not show the larger part of the bound's square"
     )
     further: tuple[FurtherSetUp, ...] = of(

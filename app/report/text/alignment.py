@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.measuring.aligning import Aligned, Round, Watch
+from app.measuring.aligning import RailAlignment, Round, Watch
 from app.report.text.tables import new_table, paragraphs, signed, uncertain
 from calib.arrays import LEG_NAMES
 from calib.tripod.alignment import Shim
@@ -39,7 +39,7 @@ One screw at a time. Go to the far side and come back as usual; what
 decides is where the end of the rail is when you press {align.watch}."""
 
 
-def aligned_text(aligned: Aligned) -> str:
+def aligned_text(aligned: RailAlignment) -> str:
     """How the rails lie to each other, from what they are to be; then the moves."""
     figure, half, off = (
         aligned.alignment,
@@ -70,7 +70,7 @@ def aligned_text(aligned: Aligned) -> str:
     )
 
 
-def round_begins_text(aligned: Aligned) -> str:
+def round_begins_text(aligned: RailAlignment) -> str:
     """What is to be known before a screw is turned."""
     return (
         SOMETHING_ELSE

@@ -18,10 +18,10 @@ from app.report.text.tables import (
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.design.criteria import Criterion
 from calib.design.identifiability import SeenBy
-from calib.diagnosis.results import AliasMap, Named
+from calib.diagnosis.results import AliasMap, EffectName
 from calib.errors import GlidecalError
 from calib.posterior.expected import ExpectedParameter, ExpectedResult
-from calib.posterior.planning import WORTH, Outside, Reach, Separation
+from calib.posterior.planning import WORTH, OutsideMeasurement, Reach, Separation
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures
 from calib.tripod.workspace import PostureOfTool, Workspace
@@ -210,7 +210,7 @@ def separation_text(separation: Separation | None) -> str:
     return f"Open names: {separation.words}." if separation else ""
 
 
-def outside_text(outside: Outside | None) -> str:
+def outside_text(outside: OutsideMeasurement | None) -> str:
     """Which instrument shows what readings of legs do not; empty where that is the smaller part."""
     if outside is None:
         return ""
@@ -246,7 +246,7 @@ def further_text(reach: Reach) -> str:
 
 def alias_text(aliases: AliasMap) -> str:
     """For each effect the ones that imitate it; what no reading shows."""
-    by_effect: dict[Named, list[str]] = {}
+    by_effect: dict[EffectName, list[str]] = {}
     for imitation in aliases.imitations:
         by = imitation.by
         by_effect.setdefault(imitation.effect, []).append(f"{by.id} ({by.where})")

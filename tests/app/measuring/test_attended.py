@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from app.measuring import attended
-from app.measuring.attended import Attended, Press, TakenBy
+from app.measuring.attended import AttendedSession, Press, TakenBy
 from app.measuring.demo import demo_plan
 from app.measuring.gauges import Live, Motion, Trace
 from app.measuring.opening import start_session
@@ -22,14 +22,14 @@ def shown(motion: Motion) -> Live:
 
 
 @pytest.fixture
-def driven(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Attended]:
+def driven(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[AttendedSession]:
     monkeypatch.setattr(attended, "HELD_KEY_S", 0.0)
     with start_session(demo_plan(tmp_path, "zero-max-min", 1)) as guided:
-        yield Attended(guided)
+        yield AttendedSession(guided)
 
 
 def test_a_press_takes_what_rests_and_the_second_one_what_moves(
-    driven: Attended, monkeypatch: pytest.MonkeyPatch
+    driven: AttendedSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ready = [True]
     monkeypatch.setattr(driven, "ready_by_hand", lambda: ready[0])
@@ -50,7 +50,7 @@ def test_a_press_takes_what_rests_and_the_second_one_what_moves(
     assert driven.press(busy=False) is Press.REPEATS, "a key that is held"
 
 
-def test_on_hold_nothing_is_taken_and_the_record_has_both(driven: Attended) -> None:
+def test_on_hold_nothing_is_taken_and_the_record_has_both(driven: AttendedSession) -> None:
     driven.hold(True, "on hold")
     assert driven.mode == "ON HOLD"
     assert driven.press(busy=False) is Press.ON_HOLD
@@ -60,7 +60,7 @@ def test_on_hold_nothing_is_taken_and_the_record_has_both(driven: Attended) -> N
 
 
 def test_by_itself_what_does_not_move_is_told_once(
-    driven: Attended, monkeypatch: pytest.MonkeyPatch
+    driven: AttendedSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     moved = [Movement.UNCHANGED]
     monkeypatch.setattr(driven.guided, "moved", lambda: moved[0])
@@ -83,7 +83,7 @@ def test_by_itself_what_does_not_move_is_told_once(
 
 
 def test_a_fault_is_taken_at_once_to_be_shown(
-    driven: Attended, monkeypatch: pytest.MonkeyPatch
+    driven: AttendedSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fault = Live(Fault(FaultKind.NO_ANSWER, "", "no answer"), 0.0, Motion.FAULT, Trace)
     monkeypatch.setattr(driven, "live", lambda: [fault, shown(Motion.STABLE)])

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from app.report.text.planning import alias_text
-from calib.diagnosis.results import AliasMap, Imitation, Named
+from calib.diagnosis.results import AliasMap, EffectName, Imitation
 
 
 def test_an_effect_that_imitates_in_several_sizes_is_named_once() -> None:
     squareness, cyclic, play = (
-        Named("axis_squareness", "xy"),
-        Named("actuator_cyclic", "z"),
-        Named("backlash", "y"),
+        EffectName("axis_squareness", "xy"),
+        EffectName("actuator_cyclic", "z"),
+        EffectName("backlash", "y"),
     )
     by = (cyclic, cyclic, play, cyclic)
     alias_map = AliasMap(

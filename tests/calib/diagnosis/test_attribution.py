@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.diagnose import sentence
-from calib.diagnosis.results import Named
+from calib.diagnosis.results import EffectName
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from tests.calib.diagnosis.diagnosed_sessions import (
@@ -72,7 +72,7 @@ def test_the_first_sentence_stays_a_sentence() -> None:
     diagnosis = diagnose(
         [case(SWEEP, EffectInstance(LAWS["gauge_tilt"], "xy", (60.0,)), seed=1)], CATALOGUE
     )
-    many = tuple(Named(f"name_{k}", "x") for k in range(9))
+    many = tuple(EffectName(f"name_{k}", "x") for k in range(9))
     finding = replace(diagnosis.effects[0], indistinguishable_from=many)
     words = sentence("ambiguous", [finding], "")
     assert "name_0, name_1, name_2, name_3, 5 others. These readings cannot decide." in words
@@ -86,7 +86,11 @@ def test_a_rival_of_the_same_name_is_told_by_its_place() -> None:
     """Else the sentence offers a name instead of itself."""
     taper = EffectInstance(LAWS["leg_taper"], "xz", (3.0,))
     (finding, *_) = diagnose([case(SWEEP, taper, seed=1)], CATALOGUE).effects
-    rivals = (Named("leg_taper", "xy"), Named("axis_offset", "xy"), Named("axis_offset", "yz"))
+    rivals = (
+        EffectName("leg_taper", "xy"),
+        EffectName("axis_offset", "xy"),
+        EffectName("axis_offset", "yz"),
+    )
     words = sentence("ambiguous", [replace(finding, indistinguishable_from=rivals)], "")
     assert words.endswith("or instead axis_offset, leg_taper (xy). These readings cannot decide.")
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pytest
 
 from calib.diagnosis.claims import Claim, Claims, conditional, name_of
-from calib.diagnosis.results import Named
+from calib.diagnosis.results import EffectName
 from calib.posterior.correction import correction
 from calib.posterior.library import ELSE, library
 from calib.posterior.models import Posterior
@@ -21,13 +21,13 @@ from tests.conftest import LONG
 COMPONENTS = library([(Model(), SWEEP)])
 """What a sweep can show."""
 
-PLAY_X, PLAY_Y, PLAY_EACH = (Named("backlash", where) for where in ("x", "y", "x,y,z"))
-BOW, TAPER = Named("leg_bow", "xy"), Named("leg_taper", "xy")
-LAW = Named(EMPIRICAL, "x")
-SOMETHING = Named(ELSE, "all")
+PLAY_X, PLAY_Y, PLAY_EACH = (EffectName("backlash", where) for where in ("x", "y", "x,y,z"))
+BOW, TAPER = EffectName("leg_bow", "xy"), EffectName("leg_taper", "xy")
+LAW = EffectName(EMPIRICAL, "x")
+SOMETHING = EffectName(ELSE, "all")
 UNNAMED = {LAW, SOMETHING}
 
-Weights = Sequence[tuple[tuple[Named, ...], float]]
+Weights = Sequence[tuple[tuple[EffectName, ...], float]]
 
 
 def claims(weights: Weights) -> Claims:
@@ -74,7 +74,7 @@ def test_probabilities_are_sums_over_models() -> None:
     ],
 )
 def test_each_verdict_is_a_range_of_probabilities(
-    weights: Weights, verdict: str, names: Sequence[Named]
+    weights: Weights, verdict: str, names: Sequence[EffectName]
 ) -> None:
     answer = claims(weights).answer()
     assert answer.verdict == verdict
@@ -83,14 +83,14 @@ def test_each_verdict_is_a_range_of_probabilities(
 
 def test_rivals_are_what_stands_in_the_place_of_a_name() -> None:
     answer = claims([((PLAY_X, BOW), 0.6), ((PLAY_X, TAPER), 0.3), ((LAW,), 0.1)]).answer()
-    assert answer.rivals[BOW] == (TAPER, Named(EMPIRICAL, "xy"))
-    assert answer.rivals[PLAY_X] == (Named(EMPIRICAL, "x"),)
+    assert answer.rivals[BOW] == (TAPER, EffectName(EMPIRICAL, "xy"))
+    assert answer.rivals[PLAY_X] == (EffectName(EMPIRICAL, "x"),)
 
 
 def test_what_is_added_to_a_heavier_model_and_not_needed_is_no_rival() -> None:
     """A companion that the readings do not ask for stands for the law that it accompanies."""
     weights = [((PLAY_X,), 0.6), ((LAW,), 0.3), ((LAW, TAPER), 0.1)]
-    assert claims(weights).answer().rivals == {PLAY_X: (Named(EMPIRICAL, "x"),)}
+    assert claims(weights).answer().rivals == {PLAY_X: (EffectName(EMPIRICAL, "x"),)}
     # where the pair is the heavier one, both of it are needed
     weights = [((PLAY_X,), 0.6), ((LAW,), 0.1), ((BOW, TAPER), 0.3)]
     assert set(claims(weights).answer().rivals[PLAY_X]) >= {BOW, TAPER}
@@ -103,7 +103,7 @@ def test_an_effect_is_no_rival_of_itself_at_places_that_contain_it() -> None:
     assert not mixture.one_in_other(PLAY_X, PLAY_Y)
     elsewhere = claims([((PLAY_X,), 0.6), ((PLAY_Y,), 0.4)])
     assert elsewhere.answer().rivals == {PLAY_X: (PLAY_Y,)}
-    shared = Named("backlash", "all")  # one value for all is not play at one drive
+    shared = EffectName("backlash", "all")  # one value for all is not play at one drive
     assert not mixture.one_in_other(PLAY_X, shared)
     assert mixture.one_in_other(shared, PLAY_EACH)
 
@@ -144,7 +144,7 @@ def test_claims_of_a_posterior_are_its_models_read_one_by_one() -> None:
     assert reversed_sign > 0.9
     assert claims.named == pytest.approx(of_names)
     assert claims.unnamed == pytest.approx(unnamed)
-    assert claims.places[Named("gauge_sign", "xy")] == pytest.approx(reversed_sign)
+    assert claims.places[EffectName("gauge_sign", "xy")] == pytest.approx(reversed_sign)
 
 
 def bounds_mm(posterior: Posterior) -> list[float]:
@@ -157,7 +157,7 @@ def bounds_mm(posterior: Posterior) -> list[float]:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_right_name_lowers_the_bound_and_a_certain_one_changes_nothing(seed: int) -> None:
     doubtful = posterior([case(SHORT, EffectInstance(LAWS["backlash"], "z", (0.02,)), seed=seed)])
-    name = Named("backlash", "z")
+    name = EffectName("backlash", "z")
     claims = Claims.of(doubtful)
     assert claims.answer().verdict == "ambiguous"
     assert claims.places[name] < 0.9
@@ -177,7 +177,7 @@ def test_a_right_name_lowers_the_bound_and_a_certain_one_changes_nothing(seed: i
 def test_models_with_the_name_at_places_that_contain_it_are_kept() -> None:
     """Also models in which a law without a name acts; no model has two rivals of that many."""
     models = posterior([case(SHORT, EffectInstance(LAWS["backlash"], "x", (0.05,)), seed=5)])
-    name = Named("backlash", "x")
+    name = EffectName("backlash", "x")
     certain = conditional(models, [name])
     assert certain is not None
     present = [{name_of(certain.components[k]) for k in m.members} for m in certain.models]
@@ -185,5 +185,8 @@ def test_models_with_the_name_at_places_that_contain_it_are_kept() -> None:
         component.where for names in present for component in names if component.id == "backlash"
     }
     assert {"x", "x,y,z"} <= places
-    assert all({name, Named("backlash", "x,y,z")} & names for names in present)
-    assert conditional(models, [name, Named("backlash", "y"), Named("leg_bow", "xy"), LAW]) is None
+    assert all({name, EffectName("backlash", "x,y,z")} & names for names in present)
+    assert (
+        conditional(models, [name, EffectName("backlash", "y"), EffectName("leg_bow", "xy"), LAW])
+        is None
+    )

@@ -10,7 +10,7 @@ import pytest
 from calib.arrays import FloatArray
 from calib.posterior.correction import HOLDS, Holds, correction, parts_of
 from calib.posterior.library import POWERS
-from calib.posterior.models import Posterior, Weighted
+from calib.posterior.models import Posterior, WeightedModel
 from calib.posterior.posterior import posterior
 from calib.posterior.tool import FRAMES, Frame
 from calib.tripod.effects.effect import EffectInstance
@@ -111,7 +111,7 @@ def test_play_that_is_likelier_not_there_is_entered_for_a_large_gain_alone(
 ) -> None:
     """Of no play and one play, of weight p, entering p of it lowers the mean square by p."""
 
-    def members(model: Weighted) -> list[tuple[str, str]]:
+    def members(model: WeightedModel) -> list[tuple[str, str]]:
         return [(unsure.components[k].id, unsure.components[k].where) for k in model.members]
 
     play = next(model for model in unsure.models if members(model) == [("backlash", "x")])

@@ -12,8 +12,8 @@ from calib.arrays import Conditions, FloatArray
 from calib.posterior.cells import HOMING_MM
 from calib.posterior.forecast import Forecast
 from calib.posterior.measurements import set_up
-from calib.posterior.mixture import Updated
-from calib.posterior.models import Posterior, Weighted
+from calib.posterior.mixture import UpdatedGroup
+from calib.posterior.models import Posterior, WeightedModel
 from calib.posterior.posterior import posterior
 from calib.posterior.tool import Frame
 from calib.tripod.pipeline import Model, StageEffect
@@ -44,7 +44,7 @@ def adopted() -> Posterior:
     return posterior([replace(case, model=case.model.with_effects((play,)))])
 
 
-def machine_of(result: Posterior, model: Weighted, values: FloatArray) -> Model:
+def machine_of(result: Posterior, model: WeightedModel, values: FloatArray) -> Model:
     """The machine of these values of a model, all of them in the simulation."""
     effects: list[StageEffect] = [*result.sessions[-1].case.model.effects]
     at = result.parameter_count
@@ -63,7 +63,7 @@ class Dense:
     """One model and readings of one set-up: means of cells, with zeros as unknowns."""
 
     def __init__(
-        self, result: Posterior, model: Weighted, conditions: Conditions, mm2: float
+        self, result: Posterior, model: WeightedModel, conditions: Conditions, mm2: float
     ) -> None:
         first = np.unique(conditions.cell, return_index=True)[1]
         cells = conditions.take(first)
@@ -109,7 +109,7 @@ class Known:
 
     result: Posterior
     forecast: Forecast
-    after: dict[int, tuple[Updated, int]]
+    after: dict[int, tuple[UpdatedGroup, int]]
     dense: dict[int, Dense]
 
     @classmethod

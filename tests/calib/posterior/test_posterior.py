@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.arrays import FloatArray, Observations
-from calib.posterior.models import Posterior, Weighted
+from calib.posterior.models import Posterior, WeightedModel
 from calib.posterior.posterior import posterior
 from calib.posterior.problem import EVERYWHERE
 from calib.tripod.effects.effect import EffectInstance
@@ -19,7 +19,7 @@ ZERO_MM = 1e3
 """Spread of the zero of a mounting: free."""
 
 
-def dense(result: Posterior, model: Weighted) -> tuple[FloatArray, FloatArray]:
+def dense(result: Posterior, model: WeightedModel) -> tuple[FloatArray, FloatArray]:
     """Mean and covariance of lengths and offsets by normal equations about the model's machine.
 
     Derivatives are differences of simulations, zeros of mountings are unknowns like the others.

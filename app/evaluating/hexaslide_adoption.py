@@ -124,7 +124,7 @@ def _model(
 ) -> HexaSlideModel:
     """The known model, else a new one, with the parameters and sizes that were fitted."""
     source = diagnosed.source
-    machine = machine_like(source.machine, source.machine.name, beside.calibrated.machine)
+    machine = machine_like(source.machine, source.machine.name, beside.calibration.machine)
     model = (diagnosed.model or HexaSlideModel(machine=machine)).model_copy(
         update={"machine": machine}
     )

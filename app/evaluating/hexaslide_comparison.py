@@ -60,5 +60,5 @@ def _session(name: str, source: HexaSlideMeasurements, middle: FloatArray) -> Co
     diagnosis = diagnosis_from(models)
     models = models_without_mistakes(source, models)
     left_out = diagnosis.wrong_postures if models.readings.numbers else ()
-    machine = MeasuredMachine(models.calibrated, models if models.entries else None)
+    machine = MeasuredMachine(models.calibration, models if models.entries else None)
     return ComparedSession(name, machine, diagnosis, left_out)

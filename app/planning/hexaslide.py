@@ -149,12 +149,12 @@ def measuring(request: Request, components: str) -> Request:
     return replace(request, procedure=kind, measured=measured)
 
 
-def _searched(planned: HexaSlidePlanning, count: int, search: Search) -> BestPostures:
+def _searched(planning: HexaSlidePlanning, count: int, search: Search) -> BestPostures:
     best: BestPostures | None = None
     to_its_ends = search.given is not None or search.space == "joints"
-    machine = planned.machine if to_its_ends else planned.with_room
+    machine = planning.machine if to_its_ends else planning.with_room
     try:
-        for postures_found in searches(planned.procedure, machine, count, search):
+        for postures_found in searches(planning.procedure, machine, count, search):
             best = postures_found
     except KeyboardInterrupt:
         if best is None:

@@ -61,7 +61,7 @@ class CertifiedCalibration:
 
     result: SessionSolution
     diagnosed: SessionDiagnosis
-    verified: Verification | None
+    verification: Verification | None
     tolerance_mm: float | None
     head: CertificateHead | None
     model: Path | None = None
@@ -79,13 +79,13 @@ class CertifiedCalibration:
     @property
     def sessions(self) -> tuple[Session, ...]:
         """All of them, the later one last."""
-        later = self.verified.compared.after.sessions if self.verified else ()
+        later = self.verification.compared.after.sessions if self.verification else ()
         return (*self.result.sessions, *later)
 
     @property
     def counted(self) -> dict[str, int]:
         """How many readings of each session count, by its digest."""
-        later = (self.verified.compared.after,) if self.verified else ()
+        later = (self.verification.compared.after,) if self.verification else ()
         lost = {
             id(reading)  # sessions of one name may stand in two folders
             for solution in (self.result, *later)
@@ -137,7 +137,7 @@ class CertifiedCalibration:
     @property
     def decision(self) -> str:
         """The decision that heads the report: after a verification that of the later session."""
-        return decided(self.verified) if self.verified else self.judged_words
+        return decided(self.verification) if self.verification else self.judged_words
 
     @property
     def identification(self) -> str:

@@ -30,7 +30,7 @@ class VerifyingSession:
 
     session: PostureSession
     record: Record
-    verified: VerifiedMachine
+    verification: VerifiedMachine
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class CertifiedPostures:
         file.
         """
         if self.later is not None:
-            return self.later.verified.tolerance_mm
+            return self.later.verification.tolerance_mm
         return self.stated_mm or self.calibration.source.machine.platform_tolerance_mm
 
     @property

@@ -118,26 +118,26 @@ class KnownValues:
     expanded: FloatArray | None
 
 
-def parameters_alone(calibrated: Calibration) -> KnownValues:
+def parameters_alone(calibration: Calibration) -> KnownValues:
     """Parameters ``(k,)`` by the noise alone; of those that are known together it means nothing."""
-    return _by_noise(calibrated, np.eye(len(calibrated.names)), calibrated.parameters)
+    return _by_noise(calibration, np.eye(len(calibration.names)), calibration.parameters)
 
 
-def lengths_alone(calibrated: Calibration) -> KnownValues:
+def lengths_alone(calibration: Calibration) -> KnownValues:
     """`inner_lengths` ``(26,)``, m, by the noise alone; without it where more is open than frames:
     what is left as it was is not known.
     """
-    lengths_m = np.asarray(inner_lengths(calibrated.machine.geometry))
-    if calibrated.left_open:
+    lengths_m = np.asarray(inner_lengths(calibration.machine.geometry))
+    if calibration.left_open:
         return KnownValues(lengths_m, None, None)
-    return _by_noise(calibrated, length_slopes(calibrated), lengths_m)
+    return _by_noise(calibration, length_slopes(calibration), lengths_m)
 
 
-def _by_noise(calibrated: Calibration, slopes: FloatArray, values: FloatArray) -> KnownValues:
-    if calibrated.covariance is None or calibrated.factor is None:
+def _by_noise(calibration: Calibration, slopes: FloatArray, values: FloatArray) -> KnownValues:
+    if calibration.covariance is None or calibration.factor is None:
         return KnownValues(values, None, None)
-    standard = np.sqrt(((slopes @ calibrated.covariance) * slopes).sum(axis=1))
-    return KnownValues(values, standard, calibrated.factor * standard)
+    standard = np.sqrt(((slopes @ calibration.covariance) * slopes).sum(axis=1))
+    return KnownValues(values, standard, calibration.factor * standard)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +197,7 @@ def check_postures(count: int, fewest: int, share: float) -> NDArray[np.bool_]:
 
 
 def _against(
-    calibrated: Calibration,
+    calibration: Calibration,
     readings: Readings,
     nominal: HexaSlide,
     true: HexaSlide,
@@ -208,16 +208,16 @@ def _against(
     sliders = readings.sliders
     stand = [
         np.asarray(forward(machine.geometry, sliders, machine.box))
-        for machine in (nominal, calibrated.machine, true)
+        for machine in (nominal, calibration.machine, true)
     ]
-    numbers = [calibrated.names.index(name) for name in calibrated.known]
-    misses = (calibrated.parameters - true.parameters(calibrated.names))[numbers]
-    expanded = parameters_alone(calibrated).expanded
-    lengths = inner_lengths(calibrated.machine.geometry) - inner_lengths(true.geometry)
+    numbers = [calibration.names.index(name) for name in calibration.known]
+    misses = (calibration.parameters - true.parameters(calibration.names))[numbers]
+    expanded = parameters_alone(calibration).expanded
+    lengths = inner_lengths(calibration.machine.geometry) - inner_lengths(true.geometry)
     return AgainstTruth(
         kept_out=kept_out,
-        before=frames_apart(stand[0], stand[2], calibrated.unidentifiable),
-        after=frames_apart(stand[1], stand[2], calibrated.unidentifiable),
+        before=frames_apart(stand[0], stand[2], calibration.unidentifiable),
+        after=frames_apart(stand[1], stand[2], calibration.unidentifiable),
         misses=misses,
         within=None if expanded is None else int((np.abs(misses) <= expanded[numbers]).sum()),
         inner_m=np.asarray(lengths),
@@ -290,11 +290,11 @@ def inner_lengths(geometry: Geometry) -> Numbers:
     return np.concatenate([between, starts, geometry.links])
 
 
-def length_slopes(calibrated: Calibration) -> FloatArray:
+def length_slopes(calibration: Calibration) -> FloatArray:
     """Derivatives of `inner_lengths` by the calibrated parameters ``(26, k)``, 0 by a link's."""
-    names = calibrated.machine.geometry.names
-    slopes = np.zeros((LENGTHS, len(calibrated.names)))
-    all_slopes = inner_slopes(calibrated.machine.geometry)
+    names = calibration.machine.geometry.names
+    slopes = np.zeros((LENGTHS, len(calibration.names)))
+    all_slopes = inner_slopes(calibration.machine.geometry)
     slopes[:, : len(names)] = all_slopes[:, [NAMES.index(name) for name in names]]
     return slopes
 

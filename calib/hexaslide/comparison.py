@@ -31,14 +31,14 @@ SHOWN = 1e-6
 class MeasuredMachine:
     """What a session tells of its machine; without ``models`` parameters alone."""
 
-    calibrated: Calibration
+    calibration: Calibration
     models: WeighedCauses | None
 
     def at(self, places: Places) -> tuple[FloatArray, FloatArray | None]:
         """What the platform does beside the calibrated parameters there ``(q,)``, and a root of the
         covariance of all of it ``(q, r)``; None where no noise is known.
         """
-        models, calibrated = self.models, self.calibrated
+        models, calibrated = self.models, self.calibration
         if models is None:
             if calibrated.covariance is None:
                 return np.zeros(len(places.moved)), None
@@ -52,23 +52,23 @@ class MeasuredMachine:
     @property
     def lengths_m(self) -> KnownValues:
         """`inner_lengths` ``(26,)``, of all models where there are any."""
-        return lengths_alone(self.calibrated) if self.models is None else lengths_of(self.models)
+        return lengths_alone(self.calibration) if self.models is None else lengths_of(self.models)
 
     @property
     def tells(self) -> bool:
         """Whether readings leave nothing open but frames, and would show what bends the rest."""
-        return not self.calibrated.left_open and self.calibrated.free_values >= FEWEST_SPARE
+        return not self.calibration.left_open and self.calibration.free_values >= FEWEST_SPARE
 
     @property
     def _root(self) -> FloatArray:
-        covariance = self.calibrated.covariance
+        covariance = self.calibration.covariance
         assert covariance is not None, "asked for with one alone"
         return self._inflation * root_of(covariance)
 
     @property
     def _inflation(self) -> float:
         """More than noise is left: everything is known so much worse."""
-        lack_of_fit = self.calibrated.lack_of_fit or 1.0
+        lack_of_fit = self.calibration.lack_of_fit or 1.0
         if self.models is not None:
             lack_of_fit = self.models.excess
         return float(max(1.0, lack_of_fit) ** 0.5)
@@ -106,9 +106,9 @@ def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine)
     """
     machines = first, second
     free = tuple(
-        dict.fromkeys(name for machine in machines for name in machine.calibrated.unidentifiable)
+        dict.fromkeys(name for machine in machines for name in machine.calibration.unidentifiable)
     )
-    places = [Places.of(reference, machine.calibrated.machine, free) for machine in machines]
+    places = [Places.of(reference, machine.calibration.machine, free) for machine in machines]
     beside, roots = zip(
         *(machine.at(at) for machine, at in zip(machines, places, strict=True)), strict=True
     )
@@ -130,7 +130,7 @@ def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine)
         vectors = vectors[:, sizes > SHOWN * sizes[0]]
         along, root = vectors.T @ off, vectors.T @ spread
         ratio = float(along @ np.linalg.solve(root @ root.T, along)) / len(along)
-        freedom = min(machine.calibrated.degrees_of_freedom for machine in machines)
+        freedom = min(machine.calibration.degrees_of_freedom for machine in machines)
         p_value = variance_ratio_p_value(ratio, len(along), freedom)
     lengths = [machine.lengths_m for machine in machines]
     halves = [length.expanded for length in lengths if length.expanded is not None]

@@ -54,7 +54,7 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
     if not models.entries:
         return None
     models = models.usual(LEAST_WEIGHT)
-    calibrated = models.calibrated
+    calibrated = models.calibration
     machine, names, free = calibrated.machine, calibrated.names, calibrated.laid_over
     along, by_axes = models.directions, models.directions / models.sizes
     # parameters beside an effect give way; those that are entered imitate it over the box
@@ -121,7 +121,7 @@ def known_of(
 
 def lengths_of(models: WeighedCauses) -> KnownValues:
     """`inner_lengths` ``(26,)``, m; what is known of them as `lengths_alone` has it."""
-    calibrated = models.calibrated
+    calibrated = models.calibration
     if calibrated.left_open:
         return lengths_alone(calibrated)
     lengths_m = np.asarray(inner_lengths(calibrated.machine.geometry))
@@ -132,7 +132,7 @@ def moved_by(models: WeighedCauses, places: Places) -> FloatArray:
     """By how much parameters in their tolerances move the platform ``(q, k)``; those of a link do
     not.
     """
-    others = len(models.calibrated.names) - places.moved.shape[1]
+    others = len(models.calibration.names) - places.moved.shape[1]
     moved = np.hstack([places.moved, np.zeros((len(places.moved), others))])
     return np.asarray(moved * models.tolerances)
 
@@ -142,7 +142,7 @@ def over_all(models: WeighedCauses, places: Places, ways: FloatArray | None = No
 
     ``ways`` are as `causes_of_machine` takes them.
     """
-    machine, readings = models.calibrated.machine, models.readings
+    machine, readings = models.calibration.machine, models.readings
     forward = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)
     noise = readings.length_noise_m, readings.angle_noise_rad or 1.0
     box = Readings(forward, places.sliders, places.postures, *noise)

@@ -106,7 +106,7 @@ class WeighedCauses:
     readings are ``spare``.
 
     ``base`` ``(n, k)`` are derivatives by the parameters in ``tolerances`` ``(k,)``, ``whitened``
-    ``(n,)`` what the ``calibrated`` machine leaves, both in the noise. Its singular values
+    ``(n,)`` what the ``calibration`` machine leaves, both in the noise. Its singular values
     ``sizes`` ``(rank,)`` have ``axes`` ``(n, rank)`` in the readings, which span what parameters
     can do, and ``directions`` ``(k, rank)`` in the parameters. ``expected`` ``(k,)`` is the machine
     file, by the calibrated one in tolerances.
@@ -121,7 +121,7 @@ class WeighedCauses:
     """
 
     readings: Readings
-    calibrated: Calibration
+    calibration: Calibration
     tolerances: FloatArray
     lead_m: float | None
     middle: FloatArray
@@ -345,7 +345,7 @@ def _weighed(
     scales = tuple(max(ADOPTED, float(np.abs(stated[k]).max())) for k in members)
     models = WeighedCauses(
         readings=readings,
-        calibrated=calibrated,
+        calibration=calibrated,
         tolerances=tolerances,
         lead_m=lead_m,
         middle=middle,
@@ -406,7 +406,7 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
         gap_after=gap[0],
         p_after=gap[1],
         spare=models.spare,
-        unidentifiable=models.calibrated.unidentifiable,
+        unidentifiable=models.calibration.unidentifiable,
     )
     if not entries:
         return result
@@ -530,7 +530,7 @@ def _at_platform(models: WeighedCauses, entry: RaceEntry, mean: FloatArray) -> f
     """R.m.s. movement of the platform's origin by a model that no parameter takes over, metres."""
     if not entry.members:
         return 0.0
-    machine = models.calibrated.machine
+    machine = models.calibration.machine
     postures = postures_of(models.readings, machine)
     moved = np.hstack([models.causes[k].places for k in entry.members]) @ mean
     forward = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)

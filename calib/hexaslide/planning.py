@@ -353,14 +353,14 @@ class HexaSlideSeen:
         return tuple(rules_found)
 
 
-def look_at(planned: HexaSlidePlanning) -> HexaSlideSeen:
+def look_at(planning: HexaSlidePlanning) -> HexaSlideSeen:
     """Raises CalibrationError for postures that cannot be."""
-    seen_parts = seen_by(planned)
-    scale = Scale.of(planned.procedure, planned.machine)
+    seen_parts = seen_by(planning)
+    scale = Scale.of(planning.procedure, planning.machine)
     conditions = conditions_by_units(
-        planned.procedure, seen_parts.examined.bare, seen_parts.identifiability.rank, scale
+        planning.procedure, seen_parts.examined.bare, seen_parts.identifiability.rank, scale
     )
-    return HexaSlideSeen(planned, seen_parts, conditions)
+    return HexaSlideSeen(planning, seen_parts, conditions)
 
 
 DIFFERENCE_STEP = 1e-7

@@ -116,7 +116,7 @@ class Places:
         return len(self.postures)
 
     def error(
-        self, calibrated: Calibration, machine: HexaSlide, bound_m: float | None
+        self, calibration: Calibration, machine: HexaSlide, bound_m: float | None
     ) -> PlatformError:
         """How far the ``machine`` is from where its controller believes it, evenly over the box,
         and the bound with it entered. Where it does not reach all of that, the random postures
@@ -128,8 +128,8 @@ class Places:
         except UnreachablePosture:
             aims = held_postures(self.reference, self.count, SEED)
             stands = forward_near(machine.geometry, self.reference.sliders_at(aims), aims)
-        now = frames_apart(aims, np.asarray(stands), calibrated.laid_over)
-        return PlatformError(now, bound_m, calibrated.left_open, calibrated.laid_over)
+        now = frames_apart(aims, np.asarray(stands), calibration.laid_over)
+        return PlatformError(now, bound_m, calibration.left_open, calibration.laid_over)
 
     def without_frames(self, moved: FloatArray) -> FloatArray:
         """Movements ``(3 p, c)`` less what frames take over: that is no error."""
@@ -150,20 +150,22 @@ def even_postures(machine: HexaSlide) -> FloatArray:
     return postures if len(postures) >= PLACES else held_postures(machine, PLACES, SEED)
 
 
-def platform_error(reference: HexaSlide, calibrated: Calibration) -> PlatformError:
+def platform_error(reference: HexaSlide, calibration: Calibration) -> PlatformError:
     """The platform's error where a controller holds ``reference``. Raises UnreachablePosture,
     CalibrationError.
     """
-    places = Places.of(reference, calibrated.machine, calibrated.laid_over)
+    places = Places.of(reference, calibration.machine, calibration.laid_over)
     bound = None
-    if calibrated.covariance is not None and not calibrated.left_open:
+    if calibration.covariance is not None and not calibration.left_open:
         count = places.moved.shape[1]
-        squares = calibrated.covariance[:count, :count] @ (places.moved.T @ places.moved)
+        squares = calibration.covariance[:count, :count] @ (places.moved.T @ places.moved)
         mean, variance = np.trace(squares), 2.0 * np.trace(squares @ squares)
         square, variance = np.array([[mean], [variance / places.count]]) / places.count
         bound = root_quantile(np.ones(1), square, variance, COVERAGE)
         # one coverage factor counts that the noise itself is known from few degrees of freedom
-        bound *= coverage_factor(calibrated.degrees_of_freedom) / coverage_factor(np.inf)
-        if calibrated.lack_of_fit is not None:  # more is left than noise: at least so much is wrong
-            bound *= max(1.0, calibrated.lack_of_fit) ** 0.5
-    return places.error(calibrated, calibrated.machine, bound)
+        bound *= coverage_factor(calibration.degrees_of_freedom) / coverage_factor(np.inf)
+        if (
+            calibration.lack_of_fit is not None
+        ):  # more is left than noise: at least so much is wrong
+            bound *= max(1.0, calibration.lack_of_fit) ** 0.5
+    return places.error(calibration, calibration.machine, bound)

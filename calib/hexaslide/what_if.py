@@ -67,7 +67,7 @@ class PostureTrial:
         """
         names = [(cause.id, cause.where) for cause in models.causes]
         cause, index = models.causes[names.index(name)], models.race.columns[names.index(name)]
-        places = Places.of(reference, models.calibrated.machine, models.calibrated.laid_over)
+        places = Places.of(reference, models.calibration.machine, models.calibration.laid_over)
         alone = over_all(models, places)[:, index]
         misled = moved_by(models, places) @ models.given_way[:, index] + alone
         columns = without(models.axes, cause.columns)

@@ -56,15 +56,15 @@ class ExpectedResult:
     worst: tuple[str, str] | None
 
 
-def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedResult:
+def expected_of(planning: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedResult:
     """Uncertainties and the bound at the tool for the noise of the indicator at hand."""
-    jacobian = planned.examine().sensitivity.jacobian
+    jacobian = planning.examine().sensitivity.jacobian
     alone = np.concatenate([_half_widths(jacobian[:, :3]), _half_widths(jacobian[:, 3:])])
     half_widths = _half_widths(jacobian)
     # in units of the tolerances, so that a small one beside a large one is no lost direction
     within = tolerance_mm * _half_widths(np.vstack([jacobian * tolerance_mm, np.eye(6)]))
     rows = zip(PARAMETER_NAMES, alone.tolist(), half_widths.tolist(), within.tolist(), strict=True)
-    before = posterior([_nothing_new(planned, tolerance_mm)])
+    before = posterior([_nothing_new(planning, tolerance_mm)])
     offsets = correction(before, "offsets")
     parameters = tuple(
         ExpectedParameter(
@@ -79,13 +79,13 @@ def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedRe
     return ExpectedResult(parameters, offsets.off.bound_in("touched-off"), worst)
 
 
-def _nothing_new(planned: TripodPlanning, tolerance_mm: FloatArray) -> SessionCase:
+def _nothing_new(planning: TripodPlanning, tolerance_mm: FloatArray) -> SessionCase:
     """Readings of the nominal machine: one of each cell, as sure as all of them are."""
-    model, visits = Model(planned.geometry), visit_means(planned.planned)
+    model, visits = Model(planning.geometry), visit_means(planning.planned)
     _, first, number = np.unique(visits.cell, return_index=True, return_inverse=True)
     expected = replace(visits, value_mm=model.readings(visits)).take(first)
     together = np.bincount(number, visits.averaged).astype(np.float64)
-    figures = IndicatorFigures(repeatability_mm=planned.noise.standard_deviation_mm)
+    figures = IndicatorFigures(repeatability_mm=planning.noise.standard_deviation_mm)
     return SessionCase(model, replace(expected, averaged=together), figures, tolerance_mm)
 
 

@@ -94,7 +94,7 @@ def _results(certified: CertifiedPostures) -> Iterator[Result]:
             ],
         )
     if later is not None:
-        again = PlatformReport.of(later.verified.after.platform)
+        again = PlatformReport.of(later.verification.after.platform)
         yield Result(
             "Error of the platform over the box, measured again",
             "From the later session, with the calibrated machine entered.",
@@ -150,8 +150,8 @@ def _conformities(certified: CertifiedPostures) -> Iterator[tuple[str, str]]:
     """What was judged, and the decision; undecided is none of the words of the schema."""
     if certified.decision is not None:
         yield "platform as measured", certified.decision
-    if certified.later and certified.later.verified.decision:
+    if certified.later and certified.later.verification.decision:
         yield (
             "platform measured again with the calibrated machine",
-            certified.later.verified.decision,
+            certified.later.verification.decision,
         )

@@ -69,9 +69,9 @@ def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
     )
     if view := result.view_solution:
         yield _of_view(view)
-    if not calibration.verified:
+    if not calibration.verification:
         return
-    later = calibration.verified.compared.after
+    later = calibration.verification.compared.after
     yield Result(
         "Error of the tool after the values were entered",
         "Root mean square that 95 of 100 machines with the later readings keep.",
@@ -82,7 +82,7 @@ def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
         "From the later session; the uncertainty is of both sessions.",
         [
             value_in_mm(offset.name, offset.found_mm, (offset.expanded_mm, offset.standard_mm))
-            for offset in calibration.verified.offsets
+            for offset in calibration.verification.offsets
         ],
     )
 
@@ -151,5 +151,5 @@ def _conformities(calibration: CertifiedCalibration) -> Iterator[tuple[str, str]
         return
     yield "tool as measured", judged.before
     yield "tool with the values entered, predicted", judged.after
-    if calibration.verified and calibration.verified.decision:
-        yield "tool measured again with the values entered", calibration.verified.decision
+    if calibration.verification and calibration.verification.decision:
+        yield "tool measured again with the values entered", calibration.verification.decision

@@ -118,7 +118,7 @@ class CalibrationReport:
 
 def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
     """The report of results that are there."""
-    result, verified = calibration.result, calibration.verified
+    result, verified = calibration.result, calibration.verification
     diagnosis = calibration.diagnosed.diagnosis
     has_view, limits = result.view_solution is not None, limits_of(calibration)
     legs = leg_figures(result) if has_view else ()
@@ -325,18 +325,18 @@ def _budget(result: SessionSolution) -> Section:
     return Section("Uncertainty budget of these parameters", [sentence, of_values, shares])
 
 
-def _again(verified: Verification) -> Section:
+def _again(verification: Verification) -> Section:
     """What the session after the offsets were entered says."""
-    compared = verified.compared
+    compared = verification.compared
     chart = before_and_after(compared.before.solution, compared.after.solution)
     caption = f"Each difference before and after the offsets were entered{WHISKER_WORDS}"
     return Section(
         "Measured again, with the offsets entered",
         [
-            decided(verified),
-            *what_to_do(verified),
+            decided(verification),
+            *what_to_do(verification),
             *compared.remarks,
-            offsets_table(verified),
+            offsets_table(verification),
             Picture(bars_svg(chart), caption),
         ],
     )

@@ -117,7 +117,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
             Section("Result", [_errors(document), RULE, enter, *_moved(calibration, calibrated)]),
         ],
         second_page=[
-            Section("Entered and verified", _verified(later.verified if later else None)),
+            Section("Entered and verified", _verified(later.verification if later else None)),
             Section("What is left at each posture", _charts(calibration)),
             Section(
                 "Limits of this result",
@@ -159,7 +159,7 @@ def _readings(session: PostureSession) -> Section:
 def _decision(certified: CertifiedPostures) -> str:
     """The decision that heads the report: after a verification that of the later session."""
     if certified.later is not None:
-        verified, words = certified.later.verified, "measured again"
+        verified, words = certified.later.verification, "measured again"
         return _judged(verified.decision, verified.after, verified.tolerance_mm, words)
     words = "as it was measured"
     return _judged(certified.decision, certified.calibration, certified.tolerance_mm, words)
@@ -271,12 +271,12 @@ def _values(result: CalibratedMachine, calibrated: HexaSlideMachine) -> Table:
     return table
 
 
-def _verified(verified: VerifiedMachine | None) -> list[str]:
+def _verified(verification: VerifiedMachine | None) -> list[str]:
     """What a later session says of the machine that was entered."""
-    if verified is None:
+    if verification is None:
         return [NOT_VERIFIED]
-    decision, before, *next_lines = verification_lines(verified)
-    return [decision, f"{before} Session: {verified.after.name}.", *next_lines]
+    decision, before, *next_lines = verification_lines(verification)
+    return [decision, f"{before} Session: {verification.after.name}.", *next_lines]
 
 
 def _drawn(result: CalibratedMachine) -> Picture:

@@ -84,7 +84,7 @@ def second_page(calibration: CertifiedCalibration, legs: Sequence[LegFigure]) ->
         caption += f" {len(legs) - MOST_LEGS} more are in the annex."
     sheet = [Picture(leg_sheet_svg(legs[:MOST_LEGS]), caption)] if legs else []
     return [
-        Section("Entered and verified", _verified(calibration.verified)),
+        Section("Entered and verified", _verified(calibration.verification)),
         Section("Uncertainty", [UNCERTAINTY]),
         *([Section(heading, sheet)] if sheet else []),
         Section("Limits of this result", shortened_limits(limits_of(calibration))),
@@ -206,15 +206,15 @@ def _result(result: SessionSolution) -> list[str | Table]:
     ]
 
 
-def _verified(verified: Verification | None) -> list[str | Table]:
+def _verified(verification: Verification | None) -> list[str | Table]:
     """What a later session says of the values that were entered."""
-    if verified is None:
+    if verification is None:
         return [
             "No session after the values were entered belongs to this document. What the tool "
             "keeps with them is predicted from the readings, not measured."
         ]
-    words = [decided(verified), *what_to_do(verified)]
-    return [*map(_short_sentence, words), offsets_table(verified)]
+    words = [decided(verification), *what_to_do(verification)]
+    return [*map(_short_sentence, words), offsets_table(verification)]
 
 
 def shortened_limits(limits: Sequence[str], longest: int = LONGEST) -> list[str]:

@@ -40,7 +40,7 @@ class ComparedEntry(Report):
 
     of = Source[ComparedSession]()
     session: str = of(lambda r: r.name)
-    postures: int = of(lambda r: len(r.machine.calibrated.after.postures))
+    postures: int = of(lambda r: len(r.machine.calibration.after.postures))
     left_out: tuple[int, ...] = of(lambda r: r.left_out, "named as mistakes by the diagnosis")
     verdict: str | None = of(
         lambda r: None if r.diagnosis is None else r.diagnosis.verdict,

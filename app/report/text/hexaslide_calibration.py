@@ -77,19 +77,19 @@ def check_words(document: HexaSlideCalibrationReport) -> str:
     )
 
 
-def verification_text(verified: VerifiedMachine) -> str:
+def verification_text(verification: VerifiedMachine) -> str:
     """The decision, what it rests on, and what to do."""
-    return paragraphs("\n".join(verification_lines(verified)))
+    return paragraphs("\n".join(verification_lines(verification)))
 
 
-def verification_lines(verified: VerifiedMachine) -> list[str]:
+def verification_lines(verification: VerifiedMachine) -> list[str]:
     """The decision, what the platform was off by before, then what to do."""
-    was_mm = 1000.0 * verified.before.platform.now.places_rms_m
-    off = off_words(verified.after, verified.tolerance_mm)
+    was_mm = 1000.0 * verification.before.platform.now.places_rms_m
+    off = off_words(verification.after, verification.tolerance_mm)
     return [
-        f"{(verified.decision or 'undecided').upper()}: {off}",
+        f"{(verification.decision or 'undecided').upper()}: {off}",
         f"Before: {was_mm:.3g} mm r.m.s.",
-        *_next_lines(verified),
+        *_next_lines(verification),
     ]
 
 
@@ -127,28 +127,28 @@ def _sides(off: Number, bound: Number, limit: Number) -> tuple[bool, bool]:
     return off + bound <= limit, off - bound > limit
 
 
-def _next_lines(verified: VerifiedMachine) -> list[str]:
+def _next_lines(verification: VerifiedMachine) -> list[str]:
     """What to do after a verification, and what it could not see."""
     lines = []
-    if verified.same_machine:
+    if verification.same_machine:
         lines.append(
             "Both sessions were measured with one machine file: enter the calibrated machine "
             "(glidecal export --format model), and measure once more with it."
         )
-    elif verified.tolerance_mm is None:
+    elif verification.tolerance_mm is None:
         lines.append("State --tolerance, or platform_tolerance_mm in the machine file.")
-    elif verified.decision == "undecided" and not verified.after.fits:
+    elif verification.decision == "undecided" and not verification.after.fits:
         lines.append(
             "More is left of the readings than noise, so the machine does not pass: glidecal "
             "diagnose looks for what is missing."
         )
-    elif verified.decision == "undecided":
+    elif verification.decision == "undecided":
         lines.append("Measure more postures, or with less noise.")
-    elif verified.decision == "fail":
+    elif verification.decision == "fail":
         lines.append("Calibrate once more from the second session.")
-    if verified.after.platform.in_frame_of_tracker:
+    if verification.after.platform.in_frame_of_tracker:
         lines.append(OF_TRACKER)
-    if directions := verified.after.fit.unidentifiable:
+    if directions := verification.after.fit.unidentifiable:
         lines.append(f"Laid over, for no reading shows it: {'; '.join(directions)}.")
     return lines
 

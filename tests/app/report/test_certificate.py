@@ -194,8 +194,8 @@ def test_several_sessions_are_verified_by_the_values_that_were_entered(tmp_path:
         run = glidecal("simulate", "-o", path, "--seed", f"{seed}", "--scatter", "0.02")
         assert run.status == 0, run.err
     calibration = calibration_of(paths[:2], after=paths[2])
-    assert calibration.verified is not None
-    stated = [offset.before_mm for offset in calibration.verified.offsets]
+    assert calibration.verification is not None
+    stated = [offset.before_mm for offset in calibration.verification.offsets]
     assert stated == pytest.approx(calibration.result.joint_offsets_mm, abs=1e-12)
 
 

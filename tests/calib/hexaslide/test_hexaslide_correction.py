@@ -57,7 +57,7 @@ def test_intervals_of_lengths_hold_the_truth_beside_play(kind: str) -> None:
         models = weighed(readings, file.whole(), tolerances, LEAD_M)
         lengths, truth = lengths_of(models), true_lengths(true)
         within += int((np.abs(lengths.values - truth) <= lengths.expanded).sum())
-        plain = np.asarray(inner_lengths(models.calibrated.machine.geometry))
+        plain = np.asarray(inner_lengths(models.calibration.machine.geometry))
         fitted.append(rms(list(plain - truth)))
         expected.append(rms(list(lengths.values - truth)))
     assert within >= 70  # of 78, where 74 are expected to

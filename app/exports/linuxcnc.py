@@ -80,9 +80,9 @@ def for_joints(offsets: Offsets, holds: Holds) -> Offsets:
     if controller is None or any(joint.latch_sign is None for joint in controller.joints):
         absent = dict.fromkeys(("play", "table"), NOT_HOMED)
     else:
-        for moved in joints_of_drives(offsets):
-            if moved.now is not None and moved.now.compensated:
-                leg = LEG_NAMES[moved.drive]
+        for drive_joint in joints_of_drives(offsets):
+            if drive_joint.now is not None and drive_joint.now.compensated:
+                leg = LEG_NAMES[drive_joint.drive]
                 absent |= dict.fromkeys((f"play of {leg}", f"table of {leg}"), COMPENSATED)
     left_out = not_told(offsets.model, kinematics=holds == "kinematics").effects
     return for_controller(offsets, holds, left_out, absent)
@@ -99,7 +99,9 @@ def with_kinematics(offsets: Offsets) -> Export:
     comment_lines = [line for text in origin(offsets) for line in short_lines(text)]
     by_joint = joint_of_each_drive(joints_of_drives(offsets), MODULE)
     hal = "".join(f"# {line}\n" for line in comment_lines)
-    hal += pins(offsets.model, unit, [(moved.joint, moved.way) for moved in by_joint])
+    hal += pins(
+        offsets.model, unit, [(drive_joint.joint, drive_joint.way) for drive_joint in by_joint]
+    )
     module_files = {f"{MODULE}.comp": source, "calib.hal": hal}
     joints = joint_files(offsets, kinematics=True)
     return Export({**joints.files, **module_files}, joints.cautions)
@@ -114,11 +116,11 @@ def joint_files(offsets: Offsets, *, kinematics: bool) -> Export:
     _refuse_what_is_not_known(offsets)
     within = list(_within(offsets.model, kinematics=kinematics))
     travels: list[str] = []
-    for moved, entries in entries_of(offsets):
-        joint, drive, joint_now = moved.joint, moved.drive, moved.now
+    for drive_joint, entries in entries_of(offsets):
+        joint, drive, joint_now = drive_joint.joint, drive_joint.drive, drive_joint.now
         unit = controller.mm_per_unit if controller else 1.0
-        comment_lines = [*origin(offsets, joint, drive), *_of_joint(offsets, moved, entries)]
-        moving = list(travel(offsets, moved, entries))
+        comment_lines = [*origin(offsets, joint, drive), *_of_joint(offsets, drive_joint, entries)]
+        moving = list(travel(offsets, drive_joint, entries))
         travels += moving
         comment_lines += [*moving, *within, *offsets.cautions]
         instruction = f"put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]"
@@ -146,12 +148,12 @@ def entries_of(offsets: Offsets) -> list[tuple[DriveJoint, JointEntries]]:
     offset_mm = offsets.joint_offsets_mm  # all are stated
     return [
         (
-            moved,
-            joint_entries(offsets.model, moved.drive, moved.now, moved.way)
-            if moved.now
-            else JointEntries(moved.way * offset_mm[moved.drive]),
+            drive_joint,
+            joint_entries(offsets.model, drive_joint.drive, drive_joint.now, drive_joint.way)
+            if drive_joint.now
+            else JointEntries(drive_joint.way * offset_mm[drive_joint.drive]),
         )
-        for moved in joints_of_drives(offsets)
+        for drive_joint in joints_of_drives(offsets)
     ]
 
 
@@ -189,9 +191,9 @@ def origin(offsets: Offsets, joint: int | None = None, drive: int = 0) -> list[s
     ]
 
 
-def _of_joint(offsets: Offsets, moved: DriveJoint, entries: JointEntries) -> Iterator[str]:
+def _of_joint(offsets: Offsets, drive_joint: DriveJoint, entries: JointEntries) -> Iterator[str]:
     """How the value comes about, or what to add to one that nobody stated."""
-    drive, way, joint_now = moved.drive, moved.way, moved.now
+    drive, way, joint_now = drive_joint.drive, drive_joint.way, drive_joint.now
     name = f"d_rho_{LEG_NAMES[drive]}"
     offset = way * offsets.parameters[name].value
     if way < 0:

@@ -128,17 +128,17 @@ def joint_of_each_drive(joints: tuple[DriveJoint, ...], kinematics: str) -> list
     return single
 
 
-def travel(offsets: Offsets, moved: DriveJoint, entries: JointEntries) -> Iterator[str]:
+def travel(offsets: Offsets, drive_joint: DriveJoint, entries: JointEntries) -> Iterator[str]:
     """What the carriage of a joint travels, where its switch is: sentences for the include.
 
     Raises RecordError where the switch comes inside the limits by this change.
     """
-    now = moved.now
+    now = drive_joint.now
     if now is None or offsets.controller is None or not offsets.controller.source:
         yield NOT_CHECKED
         return
-    course = travel_of(offsets.model, moved.drive, now, entries, moved.way)
-    name = f"Joint {moved.joint} ({LEG_NAMES[moved.drive]})"
+    course = travel_of(offsets.model, drive_joint.drive, now, entries, drive_joint.way)
+    name = f"Joint {drive_joint.joint} ({LEG_NAMES[drive_joint.drive]})"
     missing = [
         f"no {key}"
         for key, limit in (("MIN_LIMIT", now.min_limit_mm), ("MAX_LIMIT", now.max_limit_mm))
@@ -151,7 +151,7 @@ def travel(offsets: Offsets, moved: DriveJoint, entries: JointEntries) -> Iterat
         )
     else:
         yield f"{name}: travel not checked: the INI file states {', '.join(missing)}."
-    yield from _of_switch(offsets.controller, moved, now, course)
+    yield from _of_switch(offsets.controller, drive_joint, now, course)
     yield NOT_IN_INI
 
 
@@ -161,9 +161,9 @@ def _range(limits_mm: tuple[float, float]) -> str:
 
 
 def _of_switch(
-    controller: ControllerJoints, moved: DriveJoint, now: ControllerJoint, course: JointTravel
+    controller: ControllerJoints, drive_joint: DriveJoint, now: ControllerJoint, course: JointTravel
 ) -> Iterator[str]:
-    switch, name = course.switch, f"Joint {moved.joint} ({LEG_NAMES[moved.drive]})"
+    switch, name = course.switch, f"Joint {drive_joint.joint} ({LEG_NAMES[drive_joint.drive]})"
     if switch is None:
         why = "absolute encoder" if now.absolute_encoder else "HOME_SEARCH_VEL is 0 or not stated"
         yield f"{name} has no home switch: {why}."
@@ -180,7 +180,7 @@ def _of_switch(
         yield f"{name}: the home switch was not checked: the INI file states no {key}."
         return
     if switch.newly_inside:
-        raise _reached(controller, moved.joint, switch)
+        raise _reached(controller, drive_joint.joint, switch)
     at = f"{name}: after the change the home switch is at {switch.at_mm:z.3f} mm"
     if before >= 0.0 and after >= 0.0:
         yield f"{at}, {beyond} {key} by {before:.3f} mm now, by {after:.3f} mm after the change."

@@ -100,14 +100,14 @@ class Identifiability:
 def analyse(sensitivity: Sensitivity) -> Identifiability:
     """Singular values against noise and tolerance, and names for what they tell."""
     scaled = sensitivity.jacobian * sensitivity.tolerance
-    _, singular, turned = svd_of_all(scaled)
+    _, singular, vectors = svd_of_all(scaled)
     uncertainty = _uncertainties(singular, sensitivity)
     unseen = (uncertainty > sensitivity.unseen) | np.isinf(uncertainty)
     best = float(uncertainty.min())
     weak = ~unseen & ((uncertainty > WEAK_RATIO * best) | (uncertainty > WEAK))
-    parts = turned[~unseen] * uncertainty[~unseen, None] * sensitivity.tolerance
+    parts = vectors[~unseen] * uncertainty[~unseen, None] * sensitivity.tolerance
     covariance = np.asarray(parts.T @ parts)
-    unidentifiable = turned[unseen] * sensitivity.tolerance
+    unidentifiable = vectors[unseen] * sensitivity.tolerance
     singular_visible = singular[~unseen]
     return Identifiability(
         names=sensitivity.names,
@@ -117,9 +117,9 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
         condition_number=float(singular_visible[0] / singular_visible[-1])
         if len(singular_visible)
         else np.inf,
-        weak=_named(turned[weak] * sensitivity.tolerance, sensitivity, covariance),
+        weak=_named(vectors[weak] * sensitivity.tolerance, sensitivity, covariance),
         unseen=_named(unidentifiable, sensitivity, None),
-        individually_known=names_outside(turned[unseen].T, sensitivity.names),
+        individually_known=names_outside(vectors[unseen].T, sensitivity.names),
         unseen_vectors=unidentifiable,
     )
 
@@ -159,9 +159,9 @@ def _against(
     parts = np.flatnonzero(combination)
     if len(parts) != 2 or covariance is None:
         return None
-    turned = combination.copy()
-    turned[parts[1]] *= -1.0
-    return _sum_of(turned, names), math.sqrt(max(float(turned @ covariance @ turned), 0.0))
+    vectors = combination.copy()
+    vectors[parts[1]] *= -1.0
+    return _sum_of(vectors, names), math.sqrt(max(float(vectors @ covariance @ vectors), 0.0))
 
 
 def _cost(sensitivity: Sensitivity, vector: FloatArray) -> float:

@@ -231,8 +231,10 @@ class _Report:
         """Whether no value of these components is less than any machine has."""
         return all(
             value.real >= parameter.least
-            for placed in self._values(numbers)[1]
-            for value, parameter in zip(placed.values, placed.effect.parameters, strict=True)
+            for placed_laws in self._values(numbers)[1]
+            for value, parameter in zip(
+                placed_laws.values, placed_laws.effect.parameters, strict=True
+            )
         )
 
     def _weights(self, name: EffectName) -> dict[tuple[int, ...], float]:

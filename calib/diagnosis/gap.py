@@ -92,7 +92,7 @@ class Leftover:
 
         Raises NotIdentifiable where the legs cannot meet, and UnreachablePosture.
         """
-        models, placed = [], []
+        models, placed_laws = [], []
         widths: dict[Placed, int] = {}
         free = sessions[0].case.free_spread
         laws = tuple(dict.fromkeys((*timed, *(law for law, _ in free))))
@@ -105,11 +105,13 @@ class Leftover:
             model = prior_fit(acting, cells.means, weight, cells.case.spread_mm).model
             models.append(model)
             columns = placed_columns(model, cells.means, laws)
-            placed.append({law: c for law, c in columns.items() if law[0] in timed or law in free})
-            widths |= {law: len(law[0].parameters) for law in placed[-1]}
+            placed_laws.append(
+                {law: c for law, c in columns.items() if law[0] in timed or law in free}
+            )
+            widths |= {law: len(law[0].parameters) for law in placed_laws[-1]}
         shared = np.mean([model.parameters_mm[3:] for model in models], axis=0)
         models = [m.with_parameters(np.array([*m.parameters_mm[:3], *shared])) for m in models]
-        rows = rows_of(sessions, models, placed, widths)
+        rows = rows_of(sessions, models, placed_laws, widths)
         values = sum(len(effect.values) for effect in effects)
         of_time = np.repeat([law[0] in timed for law in widths], list(widths.values())).astype(bool)
         starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))

@@ -77,9 +77,9 @@ def _linear_with(
         acting = nominal.with_effects((*nominal.effects, *adopted))
         models.append(acting.with_parameters(np.concatenate([offsets_mm, lengths])))
     components = posterior.components[: len(posterior.linear.index)]
-    linear, _, placed = linear_about(posterior.sessions, models, components)
-    widths = [len(effect.parameters) for effect, _ in placed]
-    starts = dict(zip(placed, np.cumsum([0, *widths[:-1]]).tolist(), strict=True))
+    linear, _, placed_laws = linear_about(posterior.sessions, models, components)
+    widths = [len(effect.parameters) for effect, _ in placed_laws]
+    starts = dict(zip(placed_laws, np.cumsum([0, *widths[:-1]]).tolist(), strict=True))
     if not {(instance.effect, instance.place) for instance in adopted} <= starts.keys():
         return posterior.linear
     residual = linear.rows.residual.copy()

@@ -112,8 +112,8 @@ def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine)
     beside, roots = zip(
         *(machine.at(at) for machine, at in zip(machines, places, strict=True)), strict=True
     )
-    moved = frames_apart(places[0].postures, places[1].postures, free).apart_m.ravel()
-    off = places[0].without_frames(moved + beside[1] - beside[0])
+    shift = frames_apart(places[0].postures, places[1].postures, free).apart_m.ravel()
+    off = places[0].without_frames(shift + beside[1] - beside[0])
     square = (off.reshape(-1, 3) ** 2).sum(axis=1)
     chance_m = p_value = None
     is_determined = all(machine.tells for machine in machines)

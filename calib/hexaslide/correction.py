@@ -68,9 +68,9 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
     # judged at other places than those where it is imitated
     places = Places.of(reference, machine, free)
     either = np.resize([[1.0], [-1.0]], (places.count, 1))
-    moved, over_box = moved_by(models, places), over_all(models, places, either)
-    by_noise = moved @ by_axes
-    stands, adopted = moved @ given_way + over_box, over_box @ models.stated
+    shift, over_box = moved_by(models, places), over_all(models, places, either)
+    by_noise = shift @ by_axes
+    stands, adopted = shift @ given_way + over_box, over_box @ models.stated
 
     values = [models.values(entry) for entry in models.entries]
     index = [models.index(entry) for entry in models.entries]
@@ -79,7 +79,7 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
         change += weight * (entered[:, of_entry] @ mean)
     squares = []
     for (mean, covariance), of_entry in zip(values, index, strict=True):
-        off = adopted + stands[:, of_entry] @ mean - moved @ change
+        off = adopted + stands[:, of_entry] @ mean - shift @ change
         spread = stands[:, of_entry] @ np.linalg.cholesky(covariance)
         squares.append(_square(off, np.hstack([by_noise, spread]), places.count))
     bound_m = None
@@ -133,8 +133,8 @@ def moved_by(models: WeighedCauses, places: Places) -> FloatArray:
     not.
     """
     others = len(models.calibration.names) - places.moved.shape[1]
-    moved = np.hstack([places.moved, np.zeros((len(places.moved), others))])
-    return np.asarray(moved * models.tolerances)
+    shift = np.hstack([places.moved, np.zeros((len(places.moved), others))])
+    return np.asarray(shift * models.tolerances)
 
 
 def over_all(models: WeighedCauses, places: Places, ways: FloatArray | None = None) -> FloatArray:
@@ -147,9 +147,9 @@ def over_all(models: WeighedCauses, places: Places, ways: FloatArray | None = No
     noise = readings.length_noise_m, readings.angle_noise_rad or 1.0
     box = Readings(forward, places.sliders, places.postures, *noise)
     causes = causes_of_machine(box, machine, places.postures, models.lead_m, models.middle, ways)
-    moved = np.hstack([cause.places for cause in causes])
-    mistakes = sum(cause.columns.shape[1] for cause in models.causes) - moved.shape[1]
-    return places.without_frames(np.hstack([moved, np.zeros((len(moved), mistakes))]))
+    shift = np.hstack([cause.places for cause in causes])
+    mistakes = sum(cause.columns.shape[1] for cause in models.causes) - shift.shape[1]
+    return places.without_frames(np.hstack([shift, np.zeros((len(shift), mistakes))]))
 
 
 def _square(off: FloatArray, spread: FloatArray, count: int) -> tuple[float, float]:

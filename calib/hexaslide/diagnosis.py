@@ -532,9 +532,9 @@ def _at_platform(models: WeighedCauses, entry: RaceEntry, mean: FloatArray) -> f
         return 0.0
     machine = models.calibration.machine
     postures = postures_of(models.readings, machine)
-    moved = np.hstack([models.causes[k].places for k in entry.members]) @ mean
+    shift = np.hstack([models.causes[k].places for k in entry.members]) @ mean
     forward = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)
     derivatives = jacobian(forward, machine.geometry, postures)
-    places = np.asarray(derivatives[:, :3]).reshape(len(moved), -1)
-    remainder = moved - places @ np.linalg.lstsq(places, moved, rcond=1e-10)[0]
+    places = np.asarray(derivatives[:, :3]).reshape(len(shift), -1)
+    remainder = shift - places @ np.linalg.lstsq(places, shift, rcond=1e-10)[0]
     return float(np.sqrt((remainder**2).sum() / len(postures)))

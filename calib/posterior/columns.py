@@ -18,7 +18,7 @@ def linear_about(
     sessions: Sequence[Cells], models: Sequence[Model], components: Sequence[Component]
 ) -> tuple[LinearSessions, tuple[Component, ...], tuple[Placed, ...]]:
     """The sessions about a model of each; components with as many values as they have columns."""
-    rows, placed, blocks = rows_and_blocks(sessions, models, components)
+    rows, placed_laws, blocks = rows_and_blocks(sessions, models, components)
     of_postures, squares = _of_postures(sessions, len(rows.residual))
     pairs = []
     for component, block in zip(components, blocks, strict=True):
@@ -34,7 +34,7 @@ def linear_about(
     )
     columns = np.hstack([block for _, block in pairs])
     sized = tuple(component for component, _ in pairs)
-    return LinearSessions(rows, columns, index), sized, placed
+    return LinearSessions(rows, columns, index), sized, placed_laws
 
 
 def rows_and_blocks(
@@ -46,12 +46,12 @@ def rows_and_blocks(
 ) -> tuple[Rows, tuple[Placed, ...], list[FloatArray]]:
     """Rows about these models, laws at places, and the columns ``(n, r)`` of each component."""
     laws = tuple(dict.fromkeys(s.effect for component in components for s in component.shares))
-    placed = [
+    placed_laws = [
         placed_columns(model, cells.means, laws)
         for model, cells in zip(models, sessions, strict=True)
     ]
-    widths = {law: len(law[0].parameters) for by_law in placed for law in by_law}
-    rows = rows_of(sessions, models, placed, widths, within=within)
+    widths = {law: len(law[0].parameters) for by_law in placed_laws for law in by_law}
+    rows = rows_of(sessions, models, placed_laws, widths, within=within)
     starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
     blocks = []
     for component in components:

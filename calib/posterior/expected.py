@@ -104,7 +104,7 @@ def _worst(before: Posterior, values: FloatArray) -> tuple[str, str] | None:
 
 def _half_widths(rows: FloatArray) -> FloatArray:
     """Expanded uncertainties ``(k,)`` from whitened rows ``(n, k)``; infinite where not seen."""
-    _, singular, turned = svd_of_all(rows)
+    _, singular, vectors = svd_of_all(rows)
     if singular[-1] <= BLIND * singular[0]:
         return np.full(rows.shape[1], np.inf)
-    return np.asarray(coverage_factor(math.inf) * np.linalg.norm(turned.T / singular, axis=1))
+    return np.asarray(coverage_factor(math.inf) * np.linalg.norm(vectors.T / singular, axis=1))

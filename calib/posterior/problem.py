@@ -76,8 +76,8 @@ class PosteriorProblem:
         models = _with_common_lengths([cells.model for cells in sessions])
         measured = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
         components = library(measured, effects, sessions[-1].case.named_beyond)
-        linear, sized, placed = linear_about(sessions, models, components)
-        return cls(sessions, sized, linear.rows, linear.columns, linear.index, placed)
+        linear, sized, placed_laws = linear_about(sessions, models, components)
+        return cls(sessions, sized, linear.rows, linear.columns, linear.index, placed_laws)
 
     @cached_property
     def everywhere(self) -> tuple[int, ...]:
@@ -145,9 +145,9 @@ class PosteriorProblem:
             models, log_share = reached(models, within, self.components)
             log_evidence += log_share
         acting = effects_of_tool(self.sessions[-1].case.model)
-        placed = [(instance.effect, instance.place) for instance in acting]
+        placed_laws = [(instance.effect, instance.place) for instance in acting]
         lines = self.sessions[-1].case.geometry
-        laws = dict.fromkeys([*self.placed, *laws_held(self.geometry), *placed, *lines])
+        laws = dict.fromkeys([*self.placed, *laws_held(self.geometry), *placed_laws, *lines])
         field = tool_field(self.geometry, tuple(laws))
         linear = LinearSessions(self.rows, self.columns, self.index)
         result = Posterior(self.sessions, self.components, tuple(models), field, linear)

@@ -79,7 +79,7 @@ class Rows:
 def rows_of(
     sessions: Sequence[Cells],
     models: Sequence[Model],
-    placed: Sequence[Mapping[Placed, FloatArray]],
+    placed_laws: Sequence[Mapping[Placed, FloatArray]],
     widths: Mapping[Placed, int],
     *,
     within: bool = True,
@@ -93,7 +93,7 @@ def rows_of(
     width, total = LENGTHS + 3 * count, sum(widths.values())
     starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
     parts, timed_parts = [], []
-    for number, (cells, model, laws) in enumerate(zip(sessions, models, placed, strict=True)):
+    for number, (cells, model, laws) in enumerate(zip(sessions, models, placed_laws, strict=True)):
         means = cells.means
         rows = np.zeros((len(means), 1 + width + total))
         rows[:, 0] = means.value_mm - model.readings(means)

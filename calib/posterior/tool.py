@@ -80,21 +80,25 @@ class ToolField:
 
 
 @lru_cache(maxsize=8)
-def tool_field(geometry: Geometry, placed: tuple[Placed, ...]) -> ToolField:
+def tool_field(geometry: Geometry, placed_laws: tuple[Placed, ...]) -> ToolField:
     """The field of the nominal machine."""
-    rows = _rows_at(geometry, placed, workspace_points(geometry))
-    starts = np.cumsum([BASE, *(len(effect.parameters) for effect, _ in placed)])
-    return ToolField(geometry, placed, tuple(starts.tolist()), rows.reshape(-1, rows.shape[-1]))
+    rows = _rows_at(geometry, placed_laws, workspace_points(geometry))
+    starts = np.cumsum([BASE, *(len(effect.parameters) for effect, _ in placed_laws)])
+    return ToolField(
+        geometry, placed_laws, tuple(starts.tolist()), rows.reshape(-1, rows.shape[-1])
+    )
 
 
-def _rows_at(geometry: Geometry, placed: tuple[Placed, ...], points_mm: FloatArray) -> FloatArray:
+def _rows_at(
+    geometry: Geometry, placed_laws: tuple[Placed, ...], points_mm: FloatArray
+) -> FloatArray:
     """Derivatives ``(2, n_points, 3, f)`` at these places, ways up and down."""
     base = tool_jacobian_at(geometry, points_mm)
     rigid = np.zeros((len(points_mm), 3, RIGID))
     rigid[:, :, :3] = np.eye(3)
     for k in range(3):
         rigid[:, :, 3 + k] = np.cross(np.eye(3)[k], points_mm)
-    ways = (tool_columns(geometry, points_mm, placed, way) for way in (1.0, -1.0))
+    ways = (tool_columns(geometry, points_mm, placed_laws, way) for way in (1.0, -1.0))
     return np.stack([np.concatenate([base, laws, rigid], axis=2) for laws in ways])
 
 

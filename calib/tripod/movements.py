@@ -26,8 +26,8 @@ def carriage_movement(geometry: Geometry, from_mm: FloatArray, to_mm: FloatArray
 
     Less than `STILL_MM` is none. Raises UnreachablePosture.
     """
-    moved = inverse(geometry, to_mm) - inverse(geometry, from_mm)
-    return np.asarray(np.where(np.abs(moved) < STILL_MM, 0.0, np.sign(moved)))
+    shift = inverse(geometry, to_mm) - inverse(geometry, from_mm)
+    return np.asarray(np.where(np.abs(shift) < STILL_MM, 0.0, np.sign(shift)))
 
 
 def last_movement(geometry: Geometry, conditions: Conditions) -> FloatArray:

@@ -88,8 +88,8 @@ class SimulatedMachine:
         if TOOL in to.leg and (self.lift_mm or before is not None):
             above = to.position_mm[:1] + self.lift_mm * np.eye(3)[to.axis[:1]]
             came = above if self.lift_mm or before is None else before.position_mm[:1]
-            moved = carriage_movement(self.truth.geometry, came, to.position_mm[:1])[0]
-            self._movement = np.where(moved != 0.0, moved, self._movement)
+            shift = carriage_movement(self.truth.geometry, came, to.position_mm[:1])[0]
+            self._movement = np.where(shift != 0.0, shift, self._movement)
         return np.tile(self._movement, (len(to), 1))
 
     def _approach_to(self, to: Conditions) -> float:
@@ -105,6 +105,6 @@ class SimulatedMachine:
         ):
             self._approach = 0.0
         else:
-            moved = float(np.sign(to.displacement_mm[0] - before.displacement_mm[0]))
-            self._approach = moved or self._approach
+            shift = float(np.sign(to.displacement_mm[0] - before.displacement_mm[0]))
+            self._approach = shift or self._approach
         return self._approach

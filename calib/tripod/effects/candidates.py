@@ -144,7 +144,7 @@ def place_columns(
             for by_place in _steps(effect, place)
         ]
         if stepped:
-            together = _Together(tuple(placed for _, placed in stepped), stage)
+            together = _Together(tuple(placed_laws for _, placed_laws in stepped), stage)
             acting = (*model.effects, together)
             readings = simulate(model.geometry, model.parameters_mm, observations, acting)
             for (rows, _), row in zip(stepped, readings.imag / COMPLEX_STEP_MM, strict=True):
@@ -158,7 +158,7 @@ def place_columns(
 def tool_columns(
     geometry: Geometry,
     tool_mm: FloatArray,
-    placed: Sequence[tuple[Effect, str]],
+    placed_laws: Sequence[tuple[Effect, str]],
     way: float,
 ) -> FloatArray:
     """Derivatives ``(n, 3, k)`` of the tool at ``(n, 3)`` by the values of laws at places.
@@ -168,7 +168,7 @@ def tool_columns(
     """
     points = np.vstack([tool_mm, np.zeros(3)])  # the last one tells what is done at Zero
     joint_mm, conditions = inverse(geometry, points), reached(len(points), way)
-    stepped = [instance for effect, place in placed for instance in _steps(effect, place)]
+    stepped = [instance for effect, place in placed_laws for instance in _steps(effect, place)]
     moved = np.zeros((len(points), 3, len(stepped)))
     for stage in (Stage.ACTUATOR, Stage.FOOT, Stage.TOOL):
         index = [k for k, instance in enumerate(stepped) if instance.stage == stage]

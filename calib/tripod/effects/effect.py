@@ -130,10 +130,10 @@ class EffectInstance:
         return self.effect.change(stage_input, flow, self.place, self.values)
 
 
-def remedies(placed: Sequence[EffectInstance]) -> tuple[str, ...]:
+def remedies(placed_laws: Sequence[EffectInstance]) -> tuple[str, ...]:
     """What to do against an effect that acts at these places, once for those of equal values."""
     alike: dict[tuple[float | complex, ...], list[EffectInstance]] = {}
-    for placed_effect in placed:
+    for placed_effect in placed_laws:
         alike.setdefault(placed_effect.values, []).append(placed_effect)
     return tuple(
         dict.fromkeys(

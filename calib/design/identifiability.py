@@ -159,9 +159,9 @@ def _against(
     parts = np.flatnonzero(combination)
     if len(parts) != 2 or covariance is None:
         return None
-    vectors = combination.copy()
-    vectors[parts[1]] *= -1.0
-    return _sum_of(vectors, names), math.sqrt(max(float(vectors @ covariance @ vectors), 0.0))
+    against = combination.copy()
+    against[parts[1]] *= -1.0
+    return _sum_of(against, names), math.sqrt(max(float(against @ covariance @ against), 0.0))
 
 
 def _cost(sensitivity: Sensitivity, vector: FloatArray) -> float:

@@ -1,7 +1,8 @@
 """Texts for people are plain technical English: private idioms are counted, and only become fewer.
 
 Read *report* for told, *is* for stands, *is used* for counts, *contains* for holds, *available* for
-to be had. Docstrings are not looked at, nor ids, code and quoted texts of the program in pages.
+to be had. Ids, code and quoted texts of the program in pages are not looked at; of docstrings only
+that each can be read without the name below which it stands.
 """
 
 from __future__ import annotations
@@ -115,3 +116,22 @@ def test_what_is_an_idiom() -> None:
     assert idioms("It is no play, and is not to be had.") == ["is no", "be had"]
     source = 'def f():\n    """Told."""\n    g("it stands", "stands")\n'
     assert list(constants(ast.parse(source))) == ["it stands"]
+
+
+TORN = re.compile(
+    r"(Of|That|Those|The same|Its|Their|They|As|Also|By(?! how much)|With|Without|From|In(?! which)"
+    r"|To|For(?! each)|At|On(?! which)|After|Before|It|Until) "
+)
+"""Docstrings that begin so need their object's name to be read: "Of the sessions."."""
+
+
+def test_a_docstring_can_be_read_alone() -> None:
+    torn = [
+        f"{path.relative_to(ROOT)}:{node.lineno} {node.name}"
+        for room in ROOMS
+        for path in sorted((ROOT / room).rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
+        and TORN.match(ast.get_docstring(node) or "")
+    ]
+    assert not torn

@@ -8,27 +8,35 @@ ROOMS := app calib drivers glidecal protocols
 export PYTHONDONTWRITEBYTECODE :=
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test test-long check docs processors bench blind mutation fuzz samples schemas records ends clean
+.PHONY: demo test test-long check types site docs processors bench blind mutation fuzz samples schemas records ends clean
 
 demo: $(VENV)/runtime.stamp
 	$(BIN)/glidecal demo
 
-# worksteal: neighbours, and with them what a costly fixture made, stay in one process; six on two
-# cores: tests of a moving machine wait more than they compute
+# collected once before, so that six workers do not each compile all tests; worksteal: neighbours, and
+# with them what a costly fixture made, stay in one process; six on two cores: tests of a moving
+# machine wait more than they compute
 test: check
+	$(BIN)/pytest --collect-only -qqq -m 'not long'
 	$(BIN)/pytest -n 6 --dist worksteal -m 'not long'
 
 test-long: $(VENV)/dev.stamp
 	$(BIN)/pytest -n 4 --dist worksteal -m long
 
-# a cache for each platform: in a common one each run makes that of the others useless
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
-	$(BIN)/mypy --cache-dir .mypy_cache/win32 --platform win32 $(ROOMS)
-	$(BIN)/mypy --cache-dir .mypy_cache/darwin --platform darwin $(ROOMS)
+	$(MAKE) --no-print-directory -j 2 types win32.types darwin.types site
 	$(BIN)/lint-imports
+
+types:
+	$(BIN)/mypy
+
+# a cache for each platform: in a common one each run makes that of the others useless
+%.types:
+	$(BIN)/mypy --cache-dir .mypy_cache/$* --platform $* $(ROOMS)
+
+site:
 	$(BIN)/python -m mkdocs build --strict --quiet
 
 docs: $(VENV)/dev.stamp

@@ -17,7 +17,7 @@ demo: $(VENV)/runtime.stamp
 # with them what a costly fixture made, stay in one process; six on two cores: tests of a moving
 # machine wait more than they compute
 test: check
-	$(BIN)/pytest --collect-only -qqq -m 'not long'
+	-@$(BIN)/pytest --collect-only -q -m 'not long' >/dev/null
 	$(BIN)/pytest -n 6 --dist worksteal -m 'not long'
 
 test-long: $(VENV)/dev.stamp

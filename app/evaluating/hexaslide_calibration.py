@@ -123,9 +123,14 @@ def calibrated_for(
     machines = []
     for checked in calibrations:
         correction = common
-        if correction is None:
+        if correction is None:  # from all postures, like what the models say
             full = checked.found if checked.held_out is None else calibrate(readings, nominal)
-            correction = HexaSlideCorrection(full.machine, platform_error(nominal, full))
+            correction = HexaSlideCorrection(
+                full.machine,
+                platform_error(nominal, full),
+                parameters_alone(full),
+                lengths_alone(full),
+            )
         machines.append(
             CalibratedMachine(
                 **vars(checked),
@@ -133,8 +138,8 @@ def calibrated_for(
                 source=source,
                 entered=correction.machine,
                 platform=correction.platform,
-                parameters=correction.parameters or parameters_alone(checked.found),
-                lengths_m=correction.lengths_m or lengths_alone(checked.found),
+                parameters=correction.parameters,
+                lengths_m=correction.lengths_m,
                 left_out=wrong,
                 adopted=adopted,
                 p_beside=p_beside,

@@ -73,7 +73,8 @@ def check_words(document: HexaSlideCalibrationReport) -> str:
     both_words = _both(document.held_out.rms_before, document.held_out.rms_after)
     return (
         f"Check on {count} of {total} postures ({100.0 * count / total:.0f} %), kept out of "
-        f"the fit: {both_words} r.m.s., noise of measuring included."
+        f"the fit: {both_words} r.m.s., noise of measuring included. Values and bound above are "
+        "of all postures."
     )
 
 

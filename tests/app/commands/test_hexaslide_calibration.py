@@ -221,6 +221,23 @@ def test_what_was_said_without_noise_or_check(tmp_path: Path) -> None:
     assert "Against the truth" not in text
 
 
+def test_values_and_lengths_are_of_all_postures_also_without_a_stated_noise(tmp_path: Path) -> None:
+    path, _ = written(tmp_path, "position", 40)
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content["noise"] = {"length_mm": 0.0, "angle_mrad": 0.0}
+    path.write_text(json.dumps(content), encoding="utf-8")
+    checked, whole = document(path, None, 0.25), document(path, None, 0.0)
+    assert (checked["postures"]["fitted"], whole["postures"]["fitted"]) == (30, 40)
+    for name, parameter in checked["parameters"].items():
+        if name.startswith("l"):
+            assert checked["inner_lengths"][name]["value_m"] == parameter["value"]
+    assert checked["parameters"] == whole["parameters"]
+    assert checked["inner_lengths"] == whole["inner_lengths"]
+    assert checked["platform"] == whole["platform"]
+    text = calibration_text(calibrate_file(path, None, 0.25)).replace("\n", " ")
+    assert "Values and bound above are of all postures." in text
+
+
 def test_a_wrong_reading_is_located_and_left_out(tmp_path: Path) -> None:
     path, _ = written(tmp_path, "pose-inverse", 30)
     content = json.loads(path.read_text(encoding="utf-8"))

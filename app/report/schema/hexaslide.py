@@ -350,7 +350,9 @@ class HexaSlideCalibrationReport(Report):
     lost_motions: tuple[str, ...] = of(lambda r: r.found.unidentifiable)
     lost_count: int = of(lambda r: r.found.unidentifiable_count)
     platform: PlatformReport = of(lambda r: PlatformReport.of(r.platform))
-    inner_lengths: dict[str, InnerLength] = of(_inner, "26 that no frame changes")
+    inner_lengths: dict[str, InnerLength] = of(
+        _inner, "26 that no frame changes, of the machine; `parameters` has what to enter"
+    )
     residuals: ResidualReport = of(ResidualReport.of)
     held_out: HeldOutReport | None = of(lambda r: maybe(HeldOutReport.of, r.held_out))
     truth: TruthReport | None = of(lambda r: maybe(TruthReport.of, r.truth))

@@ -59,6 +59,7 @@ def calibration_text(solved: CalibratedMachine) -> str:
         beside_words(solved.adopted),
         "\n".join([*verdict, platform_text(document), *caveats(document)]),
         parameter_table(document),
+        *entered_words(document),
         "\n".join(figure_lines(document, solved.found.factor)),
         *left_parts(document),
         "\n".join([check_words(document), *_truth(document)]),
@@ -255,6 +256,23 @@ def parameter_table(document: HexaSlideCalibrationReport) -> str | Table:
             THOUSANDTHS[parameter.unit],
         )
     return table if document.individually_known else "No parameter is identifiable alone."
+
+
+def entered_words(document: HexaSlideCalibrationReport) -> list[str]:
+    """That lengths to enter are not those of the machine, where they make up for something else."""
+    names = [
+        name
+        for name, length in document.inner_lengths.items()
+        if name in document.individually_known
+        and length.expanded_uncertainty_m is not None
+        and abs(document.parameters[name].value - length.value_m) > length.expanded_uncertainty_m
+    ]
+    if not names:
+        return []
+    return [
+        "The values are those to enter. They make up for what has no parameter (glidecal "
+        f"diagnose): {', '.join(names)} of the machine are others, inner_lengths of --json."
+    ]
 
 
 def figure_lines(document: HexaSlideCalibrationReport, factor: float | None) -> list[str]:

@@ -156,7 +156,7 @@ def _day(measured_on: datetime | None) -> date | None:
     """The day that is stated. Raises UsageError for one to come."""
     if measured_on is None:
         return None
-    if measured_on.astimezone() > datetime.now().astimezone():
+    if measured_on.date() > datetime.now().date():
         raise UsageError("--measured-on", f"{measured_on:%Y-%m-%d}", "a day of the past")
     return measured_on.date()
 

@@ -143,6 +143,8 @@ def test_the_day_of_a_table_is_stated_or_not_made_up(samples: Path, tmp_path: Pa
     assert "not stated, imported 20" in page.read_text()
     arguments = ("import", table, "--measured-on", "2999-01-01", "-o", tmp_path / "later.jsonl")
     assert "2999-01-01. Allowed: a day of the past" in refused(2, *arguments)
+    first = ("--measured-on", "0001-01-01", "-o", tmp_path / "first.jsonl")
+    assert glidecal("import", table, *first).status == 0  # a day that no time zone has
 
 
 def test_import_of_one_posture_is_kept_but_cannot_be_solved(tmp_path: Path) -> None:

@@ -184,6 +184,12 @@ def import_files(
     from protocols.journal import write_whole
     from protocols.session import fold
 
+    if machine_file_out is not None:
+        for path in source:
+            if machine_file_out.exists() and path.samefile(machine_file_out):
+                raise UsageError(
+                    "--machine-file-out", f"{path}, which is read", "another file, FILE.toml"
+                )
     may = may_replace(force, machine_file_out)
     stated = Stated(resolution, repeatability, remarks)
     opened, events, machine_file, notes = _read_from(

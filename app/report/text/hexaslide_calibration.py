@@ -10,7 +10,7 @@ from rich.table import Table
 
 from app.evaluating.hexaslide_calibration import CalibratedMachine, VerifiedMachine
 from app.report.schema.hexaslide import HexaSlideCalibrationReport, Rms
-from app.report.text.hexaslide_diagnosis import beside_words
+from app.report.text.hexaslide_diagnosis import beside_words, size_tables
 from app.report.text.tables import new_table, paragraphs, signed
 from calib.hexaslide.procedures import ProcedureKind
 from calib.stats import UNLIKELY
@@ -57,6 +57,7 @@ def calibration_text(solved: CalibratedMachine) -> str:
         f"{document.procedure.value}, {document.postures.count} {document.origin} postures; read: "
         f"{', '.join([sliders, *document.measured])}",
         beside_words(solved.adopted),
+        *size_tables(solved.sizes),
         "\n".join([*verdict, platform_text(document), *caveats(document)]),
         parameter_table(document),
         *entered_words(document),

@@ -156,7 +156,7 @@ def _day(measured_on: datetime | None) -> date | None:
     """The day that is stated. Raises UsageError for one to come."""
     if measured_on is None:
         return None
-    if measured_on.astimezone() > datetime.now().astimezone():
+    if measured_on.date() > datetime.now().date():
         raise UsageError("--measured-on", f"{measured_on:%Y-%m-%d}", "a day of the past")
     return measured_on.date()
 
@@ -184,6 +184,12 @@ def import_files(
     from protocols.journal import write_whole
     from protocols.session import fold
 
+    if machine_file_out is not None:
+        for path in source:
+            if machine_file_out.exists() and path.samefile(machine_file_out):
+                raise UsageError(
+                    "--machine-file-out", f"{path}, which is read", "another file, FILE.toml"
+                )
     may = may_replace(force, machine_file_out)
     stated = StatedFigures(resolution, repeatability, remarks)
     opened, events, machine_file, notes = _read_from(

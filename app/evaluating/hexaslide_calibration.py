@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from calib.hexaslide.checked import (
 from calib.hexaslide.correction import HexaSlideCorrection, correction_of
 from calib.hexaslide.diagnosis import (
     FEWEST_SPARE,
+    CauseSize,
     HexaSlideDiagnosis,
     WeighedCauses,
     diagnosis_from,
@@ -47,7 +48,7 @@ class CalibratedMachine(CheckedCalibration):
     ``found`` is that of the parameters alone, ``entered`` the machine to enter: it counts what else
     may be missing; so do its ``parameters`` and ``lengths_m``, but where that cannot be determined:
     then they are by the noise alone. ``left_out`` are the numbers of postures that the diagnosis
-    names as mistakes, ``adopted`` effects of a model, with sizes that were fitted again.
+    names as mistakes, ``adopted`` effects of a model, with sizes that were fitted again: ``sizes``.
     ``p_beside`` is the p-value of what the likeliest causes leave, which `platform` counts; None
     where no causes could be weighed.
     """
@@ -60,6 +61,7 @@ class CalibratedMachine(CheckedCalibration):
     lengths_m: KnownValues
     left_out: tuple[int, ...] = ()
     adopted: tuple[AdoptedEffect, ...] = ()
+    sizes: tuple[CauseSize, ...] = ()
     p_beside: float | None = None
 
     @property
@@ -125,9 +127,14 @@ def calibrated_for(
     machines = []
     for checked in calibrations:
         correction = common
-        if correction is None:
+        if correction is None:  # from all postures, like what the models say
             full = checked.fit if checked.held_out is None else calibrate(readings, nominal)
-            correction = HexaSlideCorrection(full.machine, platform_error(nominal, full))
+            correction = HexaSlideCorrection(
+                full.machine,
+                platform_error(nominal, full),
+                parameters_alone(full),
+                lengths_alone(full),
+            )
         machines.append(
             CalibratedMachine(
                 **vars(checked),
@@ -135,14 +142,25 @@ def calibrated_for(
                 source=source,
                 entered=correction.machine,
                 platform=correction.platform,
-                parameters=correction.parameters or parameters_alone(checked.fit),
-                lengths_m=correction.lengths_m or lengths_alone(checked.fit),
+                parameters=correction.parameters,
+                lengths_m=correction.lengths_m,
                 left_out=wrong,
                 adopted=adopted,
+                sizes=() if models is None else tuple(_sizes(models, adopted)),
                 p_beside=p_beside,
             )
         )
     return machines
+
+
+def _sizes(models: WeighedCauses, adopted: Sequence[AdoptedEffect]) -> Iterator[CauseSize]:
+    """Values of effects that were fitted, not of those that are held."""
+    causes = {(cause.id, cause.where): cause for cause in models.causes}
+    for effect in adopted:
+        cause = causes[effect.id, effect.where]
+        rows = zip(cause.names, effect.values, effect.deviations, strict=bool(effect.deviations))
+        for name, value, deviation in rows:
+            yield CauseSize(f"{effect.where}, {name}", value, deviation, cause.unit)
 
 
 def diagnosis_of(source: HexaSlideMeasurements) -> HexaSlideDiagnosis:

@@ -63,7 +63,7 @@ def as_csv(offsets: Offsets) -> Export:
             parameter.expanded_uncertainty,
             parameter.expanded_with_lack_of_fit,
         )
-        rows.append((name, *("" if mm is None else f"{mm:.6f}" for mm in figures_mm)))
+        rows.append((name, *("" if mm is None else f"{mm:z.6f}" for mm in figures_mm)))
     origin_line = [f"{offsets.source}, {offsets.made}"] if offsets.made else []
     less = any(
         parameter.standard_uncertainty is not None

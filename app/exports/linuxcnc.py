@@ -42,7 +42,7 @@ def table_text(table: Table, mm_per_unit: float = 1.0) -> str:
     """
     rows = zip(table.joint_mm, table.error_up_mm, table.error_down_mm, strict=True)
     return "".join(
-        f"{q / mm_per_unit:.6f} {-up / mm_per_unit:.6f} {-down / mm_per_unit:.6f}\n"
+        f"{q / mm_per_unit:z.6f} {-up / mm_per_unit:z.6f} {-down / mm_per_unit:z.6f}\n"
         for q, up, down in rows
     )
 
@@ -54,7 +54,7 @@ def joint_includes(offsets: Offsets) -> Export:
     """
     if offsets.result and offsets.lengths_mm:  # of a view; what a model has, offsets take over
         lengths_words = ", ".join(
-            f"{name} {value:+.4f}" for name, value in offsets.lengths_mm.items()
+            f"{name} {value:+z.4f}" for name, value in offsets.lengths_mm.items()
         )
         raise UsageError(
             "LinuxCNC joint includes",
@@ -128,10 +128,10 @@ def joint_files(offsets: Offsets, *, kinematics: bool) -> Export:
         lines.append(f"# {instruction}; LINEAR_UNITS = {UNITS.get(unit) or f'{1.0 / unit:g}'}")
         if joint_now:
             lines.append(
-                f"HOME_OFFSET = {(joint_now.home_offset_mm + entries.home_change_mm) / unit:.6f}"
+                f"HOME_OFFSET = {(joint_now.home_offset_mm + entries.home_change_mm) / unit:z.6f}"
             )
         if entries.backlash_mm and entries.table is None:
-            lines.append(f"BACKLASH = {entries.backlash_mm / unit:.6f}")
+            lines.append(f"BACKLASH = {entries.backlash_mm / unit:z.6f}")
         if entries.table is not None:
             name = f"calib_joint{joint}.comp"
             lines += [f"COMP_FILE = {name}", "COMP_FILE_TYPE = 1"]
@@ -200,17 +200,17 @@ def _of_joint(offsets: Offsets, drive_joint: DriveJoint, entries: JointEntries) 
         yield f"this joint runs against its drive (machine file): the sign of {name} is reversed"
     if joint_now is None:
         yield (
-            f"the present HOME_OFFSET is not stated: add {offset:+.6f} mm ({name}) to the "
+            f"the present HOME_OFFSET is not stated: add {offset:+z.6f} mm ({name}) to the "
             f"present value of the controller, and enter the sum"
         )
     else:
-        yield f"old HOME_OFFSET {joint_now.home_offset_mm:.6f} mm + {name} {offset:+.6f} mm"
+        yield f"old HOME_OFFSET {joint_now.home_offset_mm:z.6f} mm + {name} {offset:+z.6f} mm"
         fitted = way * offsets.model.parameters_mm[drive]
         if abs(fitted - offset) > NOTHING_MM:
-            yield f"and {fitted - offset:+.6f} mm that goes with the kinematics in calib.hal"
+            yield f"and {fitted - offset:+z.6f} mm that goes with the kinematics in calib.hal"
         added_mm = entries.home_change_mm - fitted
         if abs(added_mm) > NOTHING_MM:
-            yield f"and {added_mm:+.6f} mm that homing meets at the switch"
+            yield f"and {added_mm:+z.6f} mm that homing meets at the switch"
     yield from known_lines(name, offsets.parameters[name], lacks_fit=offsets.lacks_fit)
 
 

@@ -213,6 +213,10 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
     """Parameters with uncertainties from sessions. Raises UsageError for what they do not allow."""
     from app.evaluating.solution import solve_files
 
+    if options.weights != "equal" and options.method != "linear":
+        raise UsageError(
+            "--weights", f"{options.weights} with --method {options.method}", "--method linear"
+        )
     with working("Solving"):
         result = solve_files(
             files,

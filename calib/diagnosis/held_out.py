@@ -56,7 +56,8 @@ def left_out_postures(
     adopted: Sequence[EffectInstance],
     kinds: Collection[str] = NAMES,
 ) -> HeldOutGap | None:
-    """Leave out one side of one leg at a time; choose anew, fit, predict what was left out.
+    """Leave out one side of one leg at a time, of the tool the places on one side of Zero; choose
+    anew, fit, predict what was left out.
 
     Chosen among single components of these ``kinds``, names unless laws are allowed, too, and the
     sets of them that all readings leave possible. All is about the machine ``after`` with the
@@ -109,7 +110,10 @@ class _LeftOut:
         if not count:
             return None
         before, after = np.sqrt(squares / count).tolist()
-        how = "one side of one leg left out at a time, the choice made again each time"
+        of_tool = self.leftover.conditions("leg") == TOOL
+        parts = [] if of_tool.all() else ["one side of one leg"]
+        parts += ["all places on one side of Zero"] if of_tool.any() else []
+        how = f"{' or '.join(parts)} left out at a time, the choice made again each time"
         return HeldOutGap(how, before, after, math.sqrt(noise / count))
 
     def _groups(self) -> Iterator[IntArray]:

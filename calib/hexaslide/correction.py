@@ -36,13 +36,13 @@ class HexaSlideCorrection:
     """The machine to enter, and what the platform is off by now and then at most.
 
     ``parameters`` ``(k,)`` are those to enter, with what the true ones may differ by; ``lengths_m``
-    ``(26,)`` the lengths that no frame changes. None where no model could be weighed.
+    ``(26,)`` the lengths that no frame changes.
     """
 
     machine: HexaSlide
     platform: PlatformError
-    parameters: KnownValues | None = None
-    lengths_m: KnownValues | None = None
+    parameters: KnownValues
+    lengths_m: KnownValues
 
 
 def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorrection | None:

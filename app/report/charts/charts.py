@@ -294,7 +294,7 @@ def spread(ticks: Sequence[float], room: int, each: int) -> tuple[float, ...]:
 def tick_labels(ticks: Sequence[float]) -> list[str]:
     """Round numbers without needless decimals, all with as many."""
     decimals = max(len(f"{tick:.6f}".rstrip("0").partition(".")[2]) for tick in ticks)
-    return [f"{tick + 0.0:.{decimals}f}" for tick in ticks]
+    return [f"{tick:z.{decimals}f}" for tick in ticks]
 
 
 def label_cells(labels: Sequence[str]) -> int:

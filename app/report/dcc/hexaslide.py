@@ -26,6 +26,10 @@ NOT_ALONE = (
     "No reading shows these values one by one. What they are worth is in the lengths that no frame "
     "changes, and in the error of the platform."
 )
+SOME_ALONE = (
+    "Those that readings show one by one are below, with their uncertainty. What all of them are "
+    "worth is in the lengths that no frame changes, and in the error of the platform."
+)
 
 
 def contents_of(certified: CertifiedPostures) -> CertificateContents:
@@ -69,7 +73,8 @@ def _results(certified: CertifiedPostures) -> Iterator[Result]:
     result, later = certified.calibration, certified.later
     document = HexaSlideCalibrationReport.of(result)
     calibrated = machine_like(result.source.machine, "", result.entered)
-    yield Result("Values to enter", NOT_ALONE, [*_entered(calibrated)])
+    words = SOME_ALONE if document.individually_known else NOT_ALONE
+    yield Result("Values to enter", words, [*_entered(calibrated)])
     yield Result(
         "Error of the platform over the box",
         "Places of its origin, frames that no reading shows, and that of a tracker, laid over.",
@@ -77,7 +82,8 @@ def _results(certified: CertifiedPostures) -> Iterator[Result]:
     )
     yield Result(
         "Lengths that no frame changes",
-        "B: joints of the platform; A: starts of the rails, or joints of the base; l: links.",
+        "Of the machine, as expected over all that may be missing in the model. B: joints of the "
+        "platform; A: starts of the rails, or joints of the base; l: links.",
         [
             _scaled(name, "m", v.value_m, v.standard_uncertainty_m, v.expanded_uncertainty_m)
             for name, v in document.inner_lengths.items()
@@ -87,7 +93,8 @@ def _results(certified: CertifiedPostures) -> Iterator[Result]:
         alone = [(name, document.parameters[name]) for name in document.individually_known]
         yield Result(
             "Parameters that are known one by one",
-            "As the documentation of the program names them.",
+            "Of the values to enter, as the documentation of the program names them. They make up "
+            "for what has no parameter, so that a link differs from its length above.",
             [
                 _scaled(name, p.unit, p.value, p.standard_uncertainty, p.expanded_uncertainty)
                 for name, p in alone

@@ -373,7 +373,7 @@ def _write_cells(
 def correlations_svg(names: Sequence[str], correlation: FloatArray) -> str:
     """Correlation coefficients ``(k, k)`` of named parameters, as colour and digits."""
     coefficients, places = correlation.tolist(), [k + 0.5 for k in range(len(names))]
-    words = [[f"{value:+.2f}" for value in row] for row in coefficients]
+    words = [[f"{value:+z.2f}" for value in row] for row in coefficients]
     for k, row in enumerate(words):
         row[k] = "1"
     height_in = BOTTOM_IN + ROW_IN * len(names)

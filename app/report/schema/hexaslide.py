@@ -12,6 +12,7 @@ from app.report.schema.identifiability import SeenReport
 from calib.design.criteria import Criterion, Observability
 from calib.design.identifiability import ClassicalQr, Combination, SeenBy
 from calib.hexaslide.checked import PAIRS, AgainstTruth, FramesApart, HeldOut
+from calib.hexaslide.diagnosis import CauseSize
 from calib.hexaslide.geometry import unit_of
 from calib.hexaslide.planning import DIFFERENCE_STEP, UNITS, HexaSlideSeen, PaperRule
 from calib.hexaslide.platform import PlatformError
@@ -351,7 +352,10 @@ class HexaSlideCalibrationReport(Report):
     lost_motions: tuple[str, ...] = of(lambda r: r.fit.unidentifiable)
     lost_count: int = of(lambda r: r.fit.unidentifiable_count)
     platform: PlatformReport = of(lambda r: PlatformReport.of(r.platform))
-    inner_lengths: dict[str, InnerLength] = of(_inner, "26 that no frame changes")
+    inner_lengths: dict[str, InnerLength] = of(
+        _inner, "26 that no frame changes, of the machine; `parameters` has what to enter"
+    )
     residuals: ResidualReport = of(ResidualReport.of)
+    sizes: tuple[CauseSize, ...] = of(lambda r: r.sizes, "of effects of --model, fitted again")
     held_out: HeldOutReport | None = of(lambda r: maybe(HeldOutReport.of, r.held_out))
     truth: TruthReport | None = of(lambda r: maybe(TruthReport.of, r.truth))

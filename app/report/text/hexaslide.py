@@ -41,7 +41,7 @@ def postures_text(best: BestPostures) -> str:
     """Criteria before and after, then the postures and how they were found."""
     postures = new_table(*best.postures[0], left=0)
     for posture in best.postures:
-        postures.add_row(*(f"{value + 0.0:.4f}" for value in posture.values()))
+        postures.add_row(*(f"{value:z.4f}" for value in posture.values()))
     procedure, moved = best.procedure, bool(best.values)
     criteria = new_table("criteria of papers/001", *(["start", "found"] if moved else ["value"]))
     sets = (best.start, best.criteria) if moved else (best.criteria,)
@@ -357,8 +357,8 @@ def postures_table(postures: FloatArray) -> str:
     """Postures ``(p, 6)`` in metres and degrees."""
     table = new_table("", *COORDINATES)
     for number, posture in enumerate(postures.tolist(), start=1):
-        places = (f"{value + 0.0:.4f}" for value in posture[:3])
-        angles = (f"{math.degrees(value) + 0.0:.2f}" for value in posture[3:])
+        places = (f"{value:z.4f}" for value in posture[:3])
+        angles = (f"{math.degrees(value):z.2f}" for value in posture[3:])
         table.add_row(f"{number}", *places, *angles)
     return table_text(table)
 

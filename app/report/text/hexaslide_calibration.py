@@ -10,7 +10,7 @@ from rich.table import Table
 
 from app.evaluating.hexaslide_calibration import CalibratedMachine, VerifiedMachine
 from app.report.schema.hexaslide import HexaSlideCalibrationReport, Rms
-from app.report.text.hexaslide_diagnosis import beside_words
+from app.report.text.hexaslide_diagnosis import beside_words, size_tables
 from app.report.text.tables import new_table, paragraphs, signed
 from calib.hexaslide.procedures import ProcedureKind
 from calib.stats import UNLIKELY
@@ -57,8 +57,10 @@ def calibration_text(result: CalibratedMachine) -> str:
         f"{document.procedure.value}, {document.postures.count} {document.origin} postures; read: "
         f"{', '.join([sliders, *document.measured])}",
         beside_words(result.adopted),
+        *size_tables(result.sizes),
         "\n".join([*verdict, platform_text(document), *caveats(document)]),
         parameter_table(document),
+        *entered_words(document),
         "\n".join(figure_lines(document, result.fit.factor)),
         *left_parts(document),
         "\n".join([check_words(document), *_truth(document)]),
@@ -73,7 +75,8 @@ def check_words(document: HexaSlideCalibrationReport) -> str:
     both_words = _both(document.held_out.rms_before, document.held_out.rms_after)
     return (
         f"Check on {count} of {total} postures ({100.0 * count / total:.0f} %), kept out of "
-        f"the fit: {both_words} r.m.s., noise of measuring included."
+        f"the fit: {both_words} r.m.s., noise of measuring included. Values and bound above are "
+        "of all postures."
     )
 
 
@@ -254,6 +257,23 @@ def parameter_table(document: HexaSlideCalibrationReport) -> str | Table:
             THOUSANDTHS[parameter.unit],
         )
     return table if document.individually_known else "No parameter is identifiable alone."
+
+
+def entered_words(document: HexaSlideCalibrationReport) -> list[str]:
+    """That lengths to enter are not those of the machine, where they make up for something else."""
+    names = [
+        name
+        for name, length in document.inner_lengths.items()
+        if name in document.individually_known
+        and length.expanded_uncertainty_m is not None
+        and abs(document.parameters[name].value - length.value_m) > length.expanded_uncertainty_m
+    ]
+    if not names:
+        return []
+    return [
+        "The values are those to enter. They make up for what has no parameter (glidecal "
+        f"diagnose): {', '.join(names)} of the machine are others, inner_lengths of --json."
+    ]
 
 
 def figure_lines(document: HexaSlideCalibrationReport, factor: float | None) -> list[str]:

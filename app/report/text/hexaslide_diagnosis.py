@@ -136,7 +136,6 @@ def diagnosis_parts(diagnosis: HexaSlideDiagnosis) -> list[str | Table]:
     claims = new_table("what may be missing", "probability")
     for claim in diagnosis.claims[:MOST_CLAIMS]:
         claims.add_row(_title(claim.causes), f"{100.0 * claim.weight:.0f} %")
-    sizes = result_table(DataTable.of(CauseSize, diagnosis.sizes))
     lines = [
         f"What is left, in variances of the noise: {diagnosis.gap_before:.3g} before (p = "
         f"{diagnosis.p_before:.2g}), {diagnosis.gap_after:.3g} after (p = {diagnosis.p_after:.2g})."
@@ -148,5 +147,11 @@ def diagnosis_parts(diagnosis: HexaSlideDiagnosis) -> list[str | Table]:
         )
     if diagnosis.unidentifiable:
         lines.append(f"The readings do not show: {'; '.join(diagnosis.unidentifiable)}.")
-    tables = [table for table in (claims, sizes) if table.rows]
-    return [verdict_words(diagnosis), *tables, "\n".join(lines)]
+    tables = [claims] if claims.rows else []
+    sizes = size_tables(diagnosis.sizes)
+    return [verdict_words(diagnosis), *tables, *sizes, "\n".join(lines)]
+
+
+def size_tables(sizes: Sequence[CauseSize]) -> list[Table]:
+    """Values of causes with their uncertainties; nothing for none."""
+    return [result_table(DataTable.of(CauseSize, sizes))] if sizes else []

@@ -274,7 +274,7 @@ def workspace_text(machine: Machine, workspace: Workspace) -> str:
     )
     joints = new_table("leg", "θ, °", "β, °")
     for leg, theta, beta in zip(LEG_NAMES, workspace.theta_deg, workspace.beta_deg, strict=True):
-        joints.add_row(leg, *(f"{a:+.1f} … {b:+.1f}" for a, b in (theta, beta)))
+        joints.add_row(leg, *(f"{a:+z.1f} … {b:+z.1f}" for a, b in (theta, beta)))
     return paragraphs(
         f"{machine.name}: workspace {box} mm, {basis} (carriages {low:g} … {high:g} mm from Zero). "
         f"{workspace.reached:.0%} of this box is reached, {1e-6 * workspace.volume_mm3:.2f} dm³.",
@@ -318,11 +318,11 @@ def posture_text(machine: Machine, posture: PostureOfTool) -> str:
     joints = new_table("leg", "carriage from Zero, mm", "θ, °", "β, °")
     columns = (posture.modes[0].carriage_mm, posture.theta_deg, posture.beta_deg)
     for leg, *values in zip(LEG_NAMES, *columns, strict=True):
-        joints.add_row(leg, *(f"{value:+.3f}" for value in values))
+        joints.add_row(leg, *(f"{value:+z.3f}" for value in values))
     modes = new_table("working mode", *(f"carriage {leg}, mm" for leg in LEG_NAMES))
     for mode in posture.modes:
         signs = " ".join("+" if sign > 0 else "−" for sign in mode.signs)
-        modes.add_row(signs, *(f"{v:+.3f}" for v in mode.carriage_mm))
+        modes.add_row(signs, *(f"{v:+z.3f}" for v in mode.carriage_mm))
     x, y, z = (round(v, 3) for v in posture.assembly_mm.tolist())
     return paragraphs(
         f"{machine.name}, tool at {position_words(posture.tool_mm)}: joint limits {stands} it. "

@@ -147,7 +147,8 @@ def _remedy(effect: EffectInstance, towers: Mapping[str, str]) -> str | None:
         times = 1.0 + value / 1000.0
         return (
             f"belt of tower {tower}: multiply its rotation_distance (Klipper) by {times:.5f}, or "
-            f"its steps per mm (M92) by {1.0 / times:.5f}. A pulley or belt is not as stated, or "
+            f"its steps per mm (M92) by {1.0 / times:.5f}; where glidecal solve lists it, enter "
+            "that value instead, with all others there. A pulley or belt is not as stated, or "
             "stretched. Then home, probe again, and import that"
         )
     if isinstance(law, Backlash):

@@ -95,11 +95,11 @@ def difference_words(name: str) -> str:
 
 def map_table(plane: PlaneMap, value_words: Callable[[float], str]) -> Table:
     """Values on a plane through Zero; a dash where the tool does not reach."""
-    places = (f"{v:+.0f}" for v in plane.coordinate_mm)
+    places = (f"{v:+z.0f}" for v in plane.coordinate_mm)
     table = new_table(f"{plane.up} \\ {plane.across}, mm", *places)
     for k in range(len(plane.up_mm) - 1, -1, -1):
         row = ("–" if math.isnan(v) else value_words(v) for v in plane.value[k])
-        table.add_row(f"{plane.up_mm[k]:+.0f}", *row)
+        table.add_row(f"{plane.up_mm[k]:+z.0f}", *row)
     return table
 
 

@@ -143,6 +143,17 @@ def test_the_day_of_a_table_is_stated_or_not_made_up(samples: Path, tmp_path: Pa
     assert "not stated, imported 20" in page.read_text()
     arguments = ("import", table, "--measured-on", "2999-01-01", "-o", tmp_path / "later.jsonl")
     assert "2999-01-01. Allowed: a day of the past" in refused(2, *arguments)
+    first = ("--measured-on", "0001-01-01", "-o", tmp_path / "first.jsonl")
+    assert glidecal("import", table, *first).status == 0  # a day that no time zone has
+
+
+def test_weights_of_the_linear_method_are_refused_with_the_exact_one(samples: Path) -> None:
+    """Before: they were ignored in silence."""
+    session = samples / "experiment_2_twelve.jsonl"
+    weights = ("--weights", "covariance")
+    message = refused(2, "solve", session, *weights)
+    assert "covariance with --method exact. Allowed: --method linear" in message
+    assert glidecal("solve", session, *weights, "--method", "linear").status == 0
 
 
 def test_import_of_one_posture_is_kept_but_cannot_be_solved(tmp_path: Path) -> None:

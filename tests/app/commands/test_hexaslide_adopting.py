@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -107,6 +108,11 @@ def test_solve_fits_the_size_beside_the_parameters(scaled: Measured) -> None:
     assert without["lack_of_fit"]["p_value"] < 1e-3 < beside["lack_of_fit"]["p_value"]
     assert beside["rms_after"]["length_mm"] < 0.7 * without["rms_after"]["length_mm"]
     assert beside["residuals"]["effects"] == ["rail_scale:rail 3"]
+    assert without["sizes"] == []
+    (size,) = beside["sizes"]
+    assert (size["name"], size["unit"]) == ("rail 3, scale", "mm/m")
+    text = glidecal("solve", scaled.second, "--model", scaled.model).out
+    assert re.search(rf"rail 3, scale +\{size['value']:+.2f}", text)
     # what is entered counted the scale already: it needs no adoption
     bounds = [solution["platform"]["bound_rms_mm"] for solution in (without, beside)]
     assert bounds[1] == pytest.approx(bounds[0], rel=0.05)
@@ -133,6 +139,8 @@ def test_a_model_is_shown_extended_held_and_reduced(scaled: Measured, tmp_path: 
     beside = json.loads(glidecal("diagnose", scaled.second, "--model", model, "--json").out)
     assert beside["effects_of_model"][0]["values"] == [0.9]
     assert beside["verdict"] != "agrees", "a size that a person states wrongly stays"
+    solved = json.loads(glidecal("solve", scaled.second, "--model", model, "--json").out)
+    assert solved["sizes"] == [], "nothing was fitted"
     run = glidecal("model", model)
     assert "scale = +0.9" in run.out
     assert "held" in run.out

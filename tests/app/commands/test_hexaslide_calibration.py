@@ -221,6 +221,41 @@ def test_what_was_said_without_noise_or_check(tmp_path: Path) -> None:
     assert "Against the truth" not in text
 
 
+def test_values_and_lengths_are_of_all_postures_also_without_a_stated_noise(tmp_path: Path) -> None:
+    path, _ = written(tmp_path, "position", 40)
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content["noise"] = {"length_mm": 0.0, "angle_mrad": 0.0}
+    path.write_text(json.dumps(content), encoding="utf-8")
+    checked, whole = document(path, None, 0.25), document(path, None, 0.0)
+    assert (checked["postures"]["fitted"], whole["postures"]["fitted"]) == (30, 40)
+    for name, parameter in checked["parameters"].items():
+        if name.startswith("l"):
+            assert checked["inner_lengths"][name]["value_m"] == parameter["value"]
+    assert checked["parameters"] == whole["parameters"]
+    assert checked["inner_lengths"] == whole["inner_lengths"]
+    assert checked["platform"] == whole["platform"]
+    text = calibration_text(calibrate_file(path, None, 0.25)).replace("\n", " ")
+    assert "Values and bound above are of all postures." in text
+
+
+def test_lengths_to_enter_that_are_none_of_the_machine_are_said(tmp_path: Path) -> None:
+    """A scale of a rail, which the machine file cannot hold, is in what is entered instead."""
+    path, _ = written(tmp_path, "position", 60)
+    assert "of the machine are others" not in calibration_text(calibrate_file(path, None, 0.0))
+    content = json.loads(path.read_text(encoding="utf-8"))
+    for posture in content["postures"]:
+        posture["sliders"][2] /= 1.0005
+    path.write_text(json.dumps(content), encoding="utf-8")
+    report = document(path, None, 0.0)
+    text = calibration_text(calibrate_file(path, None, 0.0)).replace("\n", " ")
+    words = re.search(r"\(glidecal diagnose\): (.*?) of the machine are others", text)
+    for k in range(1, 7):
+        entered, length = report["parameters"][f"l{k}"], report["inner_lengths"][f"l{k}"]
+        far = abs(entered["value"] - length["value_m"]) > length["expanded_uncertainty_m"]
+        assert words is not None
+        assert far == (f"l{k}" in words[1])
+
+
 def test_a_wrong_reading_is_located_and_left_out(tmp_path: Path) -> None:
     path, _ = written(tmp_path, "pose-inverse", 30)
     content = json.loads(path.read_text(encoding="utf-8"))

@@ -121,6 +121,15 @@ def test_replay_shows_positions(tmp_path: Path) -> None:
     assert "0, 30, 0" in ran("replay", path, "--headless")
 
 
+def test_what_is_held_out_of_a_plate_is_no_leg(tmp_path: Path) -> None:
+    session = tmp_path / "s.jsonl"
+    hiding = ("--effect", "straightness:x", "--size", "2", "-o", session)
+    ran("simulate", "--machine", "linear-delta", *hiding)
+    text = " ".join(ran("diagnose", session).split())
+    assert "Held out (all places on one side of Zero left out at a time" in text
+    assert "one side of one leg" not in text
+
+
 def test_aliases_of_a_plate() -> None:
     report = json.loads(ran("diagnose", "--aliases", *MACHINE, "--json"))
     ids = {effect["id"] for effect in report["effects"]}

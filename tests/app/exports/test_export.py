@@ -299,6 +299,27 @@ def test_what_solve_remarks_of_readings_is_in_the_file(samples: Path, tmp_path: 
     assert all(caution in text for caution in suspects)
 
 
+def test_readings_that_stand_still_export_no_minus_before_zeros(tmp_path: Path) -> None:
+    rows = [
+        f"{leg},{axis},{at},0.5"
+        for _ in range(3)
+        for leg in "xyz"
+        for at in (0, 60, -100)
+        for axis in "xyz"
+        if axis != leg
+    ]
+    table, session = tmp_path / "still.csv", tmp_path / "still.jsonl"
+    table.write_text("\n".join(["leg,axis,displacement_mm,value_mm", *rows]) + "\n", "utf-8")
+    stated = ("--resolution", "0.001", "--repeatability", "0.002")
+    assert glidecal("import", table, "-o", session, *stated).status == 0
+    text = glidecal("export", session, "--format", "csv", "-o", "-").out
+    out, zero = tmp_path / "inc", ("--home-offset", "0,0,0")
+    assert glidecal("export", session, "--format", "linuxcnc", *zero, "-o", out).status == 0
+    for written in (text, *(path.read_text("utf-8") for path in out.iterdir())):
+        assert "0.000000" in written
+        assert "-0.000000" not in written
+
+
 def test_weak_combinations_are_said_of_the_full_set(session: Path, tmp_path: Path) -> None:
     subset = ("--subset", "both")
     out = tmp_path / "o.json"

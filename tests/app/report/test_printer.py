@@ -185,6 +185,7 @@ def test_a_stretched_belt_is_named_with_what_to_turn(tmp_path: Path) -> None:
         lines.append(f"Bed X: {place[0]:.3f} Y: {place[1]:.3f} Z: {z:.4f}\n")
     text = " ".join(told(session_of(tmp_path, "".join(lines)), "diagnose").split())
     assert "belt of tower b: multiply its rotation_distance (Klipper) by 1.01" in text
+    assert "where glidecal solve lists it, enter that value instead, with all others there" in text
     (steps,) = re.findall(r"(?m)^ belt b +80\.0000 +(\S+) ", told(tmp_path / "s.jsonl"))
     assert float(steps) == pytest.approx(80.0 / 1.012, abs=0.1), "it arrives with fewer"
     document = json.loads(glidecal("solve", tmp_path / "s.jsonl", "--json").out)

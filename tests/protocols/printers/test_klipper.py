@@ -375,6 +375,16 @@ def test_a_printer_that_was_not_probed_yet_gets_its_machine_file(tmp_path: Path)
     assert (again.status, out.exists()) == (0, False)
 
 
+def test_the_printers_own_configuration_is_not_replaced_by_the_machine_file(tmp_path: Path) -> None:
+    """Before: --force wrote the machine file over the only copy of printer.cfg."""
+    cfg, out = tmp_path / "printer.cfg", tmp_path / "s.jsonl"
+    cfg.write_text(printer_cfg(PERFECT), encoding="utf-8")
+    before = cfg.read_bytes()
+    message = refused(2, "import", cfg, "-o", out, "--machine-file-out", cfg, "--force")
+    assert "which is read. Allowed: another file" in message
+    assert (cfg.read_bytes(), out.exists()) == (before, False)
+
+
 def test_what_the_command_line_cannot_mean(tmp_path: Path) -> None:
     path, out = tmp_path / "printer.cfg", tmp_path / "s.jsonl"
     path.write_text(printer_cfg(PERFECT), encoding="utf-8")

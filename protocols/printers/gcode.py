@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import RecordError
-from protocols.documents import MOST_BYTES, read_bytes
+from protocols.documents import MOST_BYTES, Triple, read_bytes
 
 Texts = list[tuple[Path, str]]
 """Files in the order in which they were named, each with its text."""
@@ -103,7 +103,7 @@ def commands(texts: Texts, *codes: str) -> Iterator[CodeLine]:
             yield CodeLine(path, number, plain, match[1], words)
 
 
-def steps_held(texts: Texts) -> tuple[float, float, float] | None:
+def steps_held(texts: Texts) -> Triple | None:
     """Steps per mm of the motors of towers X, Y, Z: the last of M92; None without one for each.
 
     Raises RecordError for one that is no number above 0.

@@ -20,14 +20,13 @@ from calib.errors import RecordError, UnreachablePosture
 from calib.tripod import UPRIGHT_TOWERS
 from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.distance_table import Measured
-from protocols.documents import MOST_WRITTEN_BYTES
+from protocols.documents import MOST_WRITTEN_BYTES, Triple
 from protocols.printers.gcode import WHOLE, Texts, read_printed
 from protocols.printers.tower_printer import (
     OFF_PLATE_MM,
     Contact,
     Held,
     Pair,
-    Three,
     TowerPrinter,
 )
 
@@ -223,7 +222,7 @@ def _held_in(path: Path, config: Config) -> Held:
     return Held(printer, contacts, tuple(odd), distances, (x_offset, y_offset))
 
 
-def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Three]:
+def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Triple]:
     radius = config.number("printer", RADIUS, above=0.0)
     first_arm = config.number(STEPPERS[0], "arm_length", above=radius)
     first_stop = config.number(STEPPERS[0], "position_endstop")
@@ -284,7 +283,7 @@ def _steps_a_turn(config: Config, stepper: str) -> float:
 
 
 def _measured(
-    config: Config, printer: TowerPrinter, step_mm: Three, odd: list[str]
+    config: Config, printer: TowerPrinter, step_mm: Triple, odd: list[str]
 ) -> tuple[tuple[Contact, ...], tuple[Measured, ...]]:
     """Contacts and distances of the saved block; what is not used of it goes to ``odd``."""
     keys = config.keys(CALIBRATION)
@@ -325,7 +324,7 @@ def _numbered(config: Config, name: str, more: Sequence[str]) -> Iterator[str]:
         yield key
 
 
-def _contact(config: Config, printer: TowerPrinter, step_mm: Three, key: str) -> Contact:
+def _contact(config: Config, printer: TowerPrinter, step_mm: Triple, key: str) -> Contact:
     height_mm = config.number(CALIBRATION, key)
     place_mm = _place(config, printer, step_mm, f"{key}_pos", height_mm)
     return Contact(
@@ -337,7 +336,7 @@ def _contact(config: Config, printer: TowerPrinter, step_mm: Three, key: str) ->
     )
 
 
-def _distance(config: Config, printer: TowerPrinter, step_mm: Three, key: str) -> Measured:
+def _distance(config: Config, printer: TowerPrinter, step_mm: Triple, key: str) -> Measured:
     """Between places on the plate; the steps count from the switches, as those of heights do."""
     value_mm = config.number(CALIBRATION, key, above=0.0)
     ends = [f"{key}_pos{end}" for end in (1, 2)]
@@ -348,8 +347,8 @@ def _distance(config: Config, printer: TowerPrinter, step_mm: Three, key: str) -
 
 
 def _place(
-    config: Config, printer: TowerPrinter, step_mm: Three, key: str, height_mm: float
-) -> Three:
+    config: Config, printer: TowerPrinter, step_mm: Triple, key: str, height_mm: float
+) -> Triple:
     """Where these steps lead to. Raises RecordError further than so much from the height."""
     where = f"{WHAT} {config.path}, [{CALIBRATION}] {key}"
     text = config.text(CALIBRATION, key) or ""
@@ -381,7 +380,7 @@ def _elsewhere(where: str, text: str, why: str) -> RecordError:
     )
 
 
-def _probe_offset_mm(config: Config) -> Three:
+def _probe_offset_mm(config: Config) -> Triple:
     """Where the probe trips from the tool, as the section of the probe that there is has it."""
     sections = (name for name in config.parser.sections() if name.split()[0] in PROBES)
     section = next(sections, PROBES[0])
@@ -389,7 +388,7 @@ def _probe_offset_mm(config: Config) -> Three:
     return x, y, z
 
 
-def _probed(text: str, offset_mm: Three, name: str) -> tuple[list[Contact], list[str]]:
+def _probed(text: str, offset_mm: Triple, name: str) -> tuple[list[Contact], list[str]]:
     """Contacts of a log of PROBE, and lines of it that are like answers and cannot be read.
 
     The place that is answered is the probe's, beside the tool; the tool stands its z_offset higher.

@@ -20,10 +20,10 @@ from operator import itemgetter
 
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
+from protocols.documents import Triple
 from protocols.printers.gcode import NUMBER, PREFIX, WHOLE, Texts, commands, lines, steps_held
-from protocols.printers.tower_printer import Contact, Held, Pair, Three, TowerPrinter
+from protocols.printers.tower_printer import Contact, Held, Pair, TowerPrinter
 
-NAME = "marlin"
 ANSWER = re.compile(rf"Bed X: ({NUMBER}) Y: ({NUMBER}) Z: ({NUMBER}){WHOLE}")
 TOWERS, TRIMS = "XYZ", "ABC"
 
@@ -109,7 +109,7 @@ class HeightTable:
             return f"with P{places[1]} heights are means of far places; {AGAIN}"
         return None
 
-    def contacts(self, beside_mm: Three) -> Iterator[Contact]:
+    def contacts(self, beside_mm: Triple) -> Iterator[Contact]:
         """The heights as contacts, of a probe beside the tool; with O that goes to the places."""
         x_beside, y_beside, z_beside = beside_mm
         if "O" not in (self.asked or ""):
@@ -131,7 +131,7 @@ Lines = list[tuple[str, str]]
 """Where each stands, and its text without what a host writes before it."""
 
 
-def _contacts(texts: Texts, beside_mm: Three, odd: list[str]) -> list[Contact]:
+def _contacts(texts: Texts, beside_mm: Triple, odd: list[str]) -> list[Contact]:
     """Contacts with the values that are read: once G33 has calibrated, others are held.
 
     ``beside_mm`` is where the probe trips from the tool. What is not used goes to ``odd``.
@@ -155,7 +155,7 @@ def _contacts(texts: Texts, beside_mm: Three, odd: list[str]) -> list[Contact]:
     return [contact for (_, contact), runs in zip(contacts, since, strict=True) if not runs]
 
 
-def _of_g30(all_lines: Lines, beside_mm: Three, odd: list[str]) -> Iterator[tuple[int, Contact]]:
+def _of_g30(all_lines: Lines, beside_mm: Triple, odd: list[str]) -> Iterator[tuple[int, Contact]]:
     """Number of the line and contact of each answer."""
     x_beside, y_beside, z_beside = beside_mm
     for number, (where, text) in enumerate(all_lines):

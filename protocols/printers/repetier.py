@@ -11,10 +11,10 @@ from __future__ import annotations
 import re
 
 from calib.errors import RecordError
+from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.printers.gcode import NUMBER, WHOLE, Texts, lines
 from protocols.printers.tower_printer import Contact, Held, Pair, TowerPrinter
 
-NAME = "repetier"
 STORED = re.compile(rf"EPR:\d+ (\d+) ({NUMBER}) ")
 ANSWER = re.compile(rf"Z-probe: ?({NUMBER}) X: ?({NUMBER}) Y: ?({NUMBER}){WHOLE}")
 
@@ -67,7 +67,7 @@ def _printer(texts: Texts, stored: dict[int, float], first: str) -> TowerPrinter
         )
     rods = [stored[ROD] + stored.get(place, 0.0) for place in RODS_MORE]
     radii = [stored[RADIUS] + stored.get(place, 0.0) for place in RADII_MORE]
-    usual = zip(ANGLES, (210.0, 330.0, 90.0), strict=True)
+    usual = zip(ANGLES, USUAL_ANGLES_DEG, strict=True)
     angles = [stored.get(place, angle) for place, angle in usual]
     stops = [stored[HEIGHT] + stored.get(place, 0.0) / stored[STEPS] for place in OFFSETS]
     return TowerPrinter(

@@ -15,7 +15,6 @@ from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.printers.gcode import NUMBER, CodeLine, Texts, commands, lines, steps_held
 from protocols.printers.tower_printer import Contact, Held, Pair, TowerPrinter
 
-NAME = "reprapfirmware"
 FAR_MM = -9999.0
 """From this Z on down ``G30 P`` probes; above it a person states the height. Without a Z it is that
 where the tool is (GCodes.cpp, ``ExecuteG30``). The answer has stated heights, too."""

@@ -36,7 +36,6 @@ CLEAR_MM = 10.0
 LARGEST = 10_000.0
 """Of lengths in mm, and of angles."""
 
-Three = tuple[float, float, float]
 Pair = tuple[float, float]
 
 
@@ -47,7 +46,7 @@ class Contact:
     ``text`` is what the file says; ``resolution_mm`` the step in which places are known.
     """
 
-    place_mm: Three
+    place_mm: Triple
     text: str
     height_mm: float = 0.0
     resolution_mm: float | None = None
@@ -83,14 +82,14 @@ class TowerPrinter:
 
     thing: str
     name: str
-    length_mm: Three
-    radius_mm: Three
-    endstop_mm: Three
-    angle_deg: Three = USUAL_ANGLES_DEG
+    length_mm: Triple
+    radius_mm: Triple
+    endstop_mm: Triple
+    angle_deg: Triple = USUAL_ANGLES_DEG
     printable_mm: float | None = None
     turn_mm: float | None = None
-    rotation_distance_mm: Three | None = None
-    steps_per_mm: Three | None = None
+    rotation_distance_mm: Triple | None = None
+    steps_per_mm: Triple | None = None
 
     def __post_init__(self) -> None:
         values = (*self.length_mm, *self.radius_mm, *self.endstop_mm, *self.angle_deg)
@@ -132,7 +131,7 @@ class TowerPrinter:
         """Height of each carriage ``(3,)`` where its switch trips."""
         return np.array(self.endstop_mm) + self._raised_mm
 
-    def tool_mm(self, carriage_mm: FloatArray) -> Three:
+    def tool_mm(self, carriage_mm: FloatArray) -> Triple:
         """Where the tool is with carriages at these heights ``(3,)``.
 
         Raises UnreachablePosture where the bars do not meet.

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 
 from app.evaluating.diagnosis import diagnose_sessions
 from calib.errors import RecordError
+from protocols.documents import Triple
 from protocols.machine import load_machine
 from protocols.observations import to_observations
 from protocols.printers import marlin, repetier, reprapfirmware
 from protocols.printers.imported import ImportedPrinter, are_of_printer, imported_printer
-from protocols.printers.tower_printer import Three, TowerPrinter
+from protocols.printers.tower_printer import TowerPrinter
 from protocols.session import fold
 from tests.app.cli import glidecal
 from tests.app.exports import upright_towers as true
@@ -609,9 +610,9 @@ def test_whatever_a_log_holds_is_read_or_refused_in_a_sentence(text: str, which:
     ],
 )
 def test_towers_are_30_degrees_apart_or_more_round_the_circle(
-    angle_deg: Three, apart: bool
+    angle_deg: Triple, apart: bool
 ) -> None:
-    bars: Three = (250.0, 250.0, 250.0)
+    bars: Triple = (250.0, 250.0, 250.0)
     if apart:
         assert (
             TowerPrinter("delta", "name", bars, (124.0, 124.0, 124.0), bars, angle_deg).angle_deg

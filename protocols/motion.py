@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -128,9 +129,7 @@ def _along(step: Step, geometry: Geometry) -> FloatArray:
 
 def tool_at(target: Triple, machine: Machine) -> Triple:
     """Where the tool of a machine without errors is, from Zero, when its controller is there."""
-    place = np.asarray(target, dtype=np.float64)
-    tool = direct(machine.geometry(), place) if machine.mdi == "joint" else place
-    x, y, z = (float(mm) for mm in tool)
+    x, y, z = tool_of(target, machine.mdi, machine.geometry()).tolist()
     return x, y, z
 
 
@@ -195,18 +194,20 @@ def box_mm(machine: Machine) -> tuple[Triple, Triple]:
 
 def departure_mm(moved: Moved, geometry: Geometry) -> FloatArray:
     """How far the tool was read back ``(3,)`` from where it was sent."""
-    return _tool(moved, moved.read_back_mm, geometry) - _tool(moved, moved.commanded_mm, geometry)
+    ends = (moved.commanded_mm, moved.read_back_mm)
+    commanded, actual = tool_of(ends, moved.coordinates, geometry)
+    return np.asarray(actual - commanded)
 
 
 def movement_signs(moved: Moved, geometry: Geometry) -> FloatArray:
     """Sign ``(3,)`` of each carriage's last movement, as commanded."""
-    ends = (_tool(moved, at, geometry)[None] for at in (moved.from_mm, moved.commanded_mm))
-    return np.asarray(carriage_movement(geometry, *ends)[0])
+    ends = tool_of((moved.from_mm, moved.commanded_mm), moved.coordinates, geometry)
+    return np.asarray(carriage_movement(geometry, ends[:1], ends[1:])[0])
 
 
 def approach_sign(moved: Moved, leg: str, geometry: Geometry) -> float:
     """Sign of the last movement of the tool along a leg, as commanded."""
-    from_mm, to_mm = (_tool(moved, at, geometry) for at in (moved.from_mm, moved.commanded_mm))
+    from_mm, to_mm = tool_of((moved.from_mm, moved.commanded_mm), moved.coordinates, geometry)
     way = float((to_mm - from_mm) @ geometry.directions[leg_number(leg)])
     return float(np.sign(way)) if abs(way) > STILL_MM else 0.0
 
@@ -215,6 +216,9 @@ STILL_MM = 1e-6
 """Less is rounding of the numbers in a record."""
 
 
-def _tool(moved: Moved, place_mm: ArrayLike, geometry: Geometry) -> FloatArray:
+def tool_of(
+    place_mm: ArrayLike, coordinates: Literal["tool", "joint"], geometry: Geometry
+) -> FloatArray:
+    """Tool position ``(…, 3)`` from Zero, with the controller at a place in these coordinates."""
     place = np.asarray(place_mm, dtype=np.float64)
-    return np.asarray(direct(geometry, place)) if moved.coordinates == "joint" else place
+    return np.asarray(direct(geometry, place)) if coordinates == "joint" else place

@@ -5,7 +5,7 @@ counts, what is done, what is next.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from functools import cached_property
@@ -435,7 +435,7 @@ class Session(Tabled):
         """Whether the mounting read last has one posture, which without another gives nothing."""
         last = self.readings[-1].mount if self.readings else ""
         of_last = [reading for reading in self.readings if reading.mount == last]
-        return len({(reading.displacement_mm, reading.position_mm) for reading in of_last}) == 1
+        return len({reading.posture_mm for reading in of_last}) == 1
 
     def done(self) -> frozenset[int]:
         """Numbers of the steps for which every axis has a reading that counts."""
@@ -524,7 +524,9 @@ class Session(Tabled):
 
 def fold(events: Iterable[Event]) -> Session:
     """The state after these events; the first one must be `Opened`."""
-    opened: Opened | None = None
+    every = tuple(events)
+    opened = every[0]
+    assert isinstance(opened, Opened)
     readings: list[Reading] = []
     superseded: dict[int, str] = {}
     restored: dict[int, str] = {}
@@ -532,13 +534,13 @@ def fold(events: Iterable[Event]) -> Session:
     mountings: list[Mounted] = []
     notes: list[str] = []
     changes: list[Changed] = []
+    distances: list[Distance] = []
     stand_untouched = True
-    every = tuple(events)
     for event in every:
-        if isinstance(event, Opened):
-            opened = event
-        elif isinstance(event, Reading):
+        if isinstance(event, Reading):
             readings.append(event)
+        elif isinstance(event, Distance):
+            distances.append(event)
         elif isinstance(event, Superseded):
             superseded |= dict.fromkeys(event.readings, event.reason)
             restored = _without(restored, event.readings)
@@ -556,9 +558,8 @@ def fold(events: Iterable[Event]) -> Session:
         elif isinstance(event, Changed):
             numbers = (r.reading for r in readings if r.reading not in superseded)
             superseded |= dict.fromkeys(numbers, f"{CHANGED}: {event.reason}")
-            restored, skipped, stand_untouched = {}, {}, False
+            restored, skipped, distances, stand_untouched = {}, {}, [], False
             changes.append(event)
-    assert opened is not None
     counting = tuple(r for r in readings if r.reading not in superseded)
     return Session(
         opened,
@@ -571,16 +572,9 @@ def fold(events: Iterable[Event]) -> Session:
         stand_untouched,
         tuple(notes),
         tuple(changes),
-        _distances(every),
+        tuple(distances),
         closed=isinstance(every[-1], Closed),
     )
-
-
-def _distances(events: Sequence[Event]) -> tuple[Distance, ...]:
-    """Those that were measured of the machine as it is now."""
-    changed = [number for number, event in enumerate(events) if isinstance(event, Changed)]
-    now = events[max(changed, default=0) :]
-    return tuple(event for event in now if isinstance(event, Distance))
 
 
 def _without(reasons: dict[int, str], numbers: tuple[int, ...]) -> dict[int, str]:

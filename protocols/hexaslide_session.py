@@ -39,7 +39,7 @@ from protocols.hexaslide import (
     machine_like,
 )
 from protocols.machine_files import beginning_of
-from protocols.record import Record, RecordForm, read_record
+from protocols.record import Meaning, Record, RecordForm, read_record
 from protocols.session import Closed, Line, Noted, Skipped, Superseded
 
 SessionSchema = Literal[
@@ -305,47 +305,36 @@ PostureEvent = Annotated[
 POSTURE_EVENT: TypeAdapter[PostureEvent] = TypeAdapter(PostureEvent)
 
 
-class _OfPostures:
-    """Readings count up, have the values that are measured, and name postures that there are."""
+class PostureMeaning(Meaning):
+    """Readings have the values that are measured, too, and name postures that there are."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._readings = 0
+        super().__init__(path)
         self._opened: PosturesOpened | None = None
 
     def check(self, number: int, event: PostureEvent) -> None:
         """Raises RecordError with the line number."""
-        subject = f"session {self._path}, line {number}"
         if isinstance(event, PosturesOpened):
             self._opened = event
         elif isinstance(event, PostureReading):
-            self._readings += 1
-            self._check_reading(subject, event)
-        elif isinstance(event, Superseded):
-            missing = [n for n in event.readings if not 1 <= n <= self._readings]
-            if missing:
-                fault = f"reading {missing[0]} superseded before it was taken"
-                raise RecordError(subject, fault, f"1 … {self._readings}")
+            self.count(number, event.reading)
+            self._check_reading(number, event)
+        else:
+            super().check(number, event)
 
-    def _check_reading(self, subject: str, event: PostureReading) -> None:
+    def _check_reading(self, number: int, event: PostureReading) -> None:
         assert self._opened is not None, "line 1 opens"
         procedure = self._opened.procedure
-        if event.reading != self._readings:
-            raise RecordError(subject, f"reading {event.reading}", f"reading {self._readings}")
         count = len(procedure.whole().measured)
         if len(event.values) != count:
-            raise RecordError(subject, f"{len(event.values)} values", f"{count} are measured")
+            raise self.error(number, f"{len(event.values)} values", f"{count} are measured")
         if procedure.postures and event.posture > len(procedure.postures):
             allowed = f"1 … {len(procedure.postures)}, as in the procedure"
-            raise RecordError(subject, f"posture {event.posture}", allowed)
-
-
-def _continued(program: str, torn_bytes: int) -> Line:
-    return PosturesContinued(program=program, torn_bytes=torn_bytes)
+            raise self.error(number, f"posture {event.posture}", allowed)
 
 
 POSTURE_FORM = RecordForm(
-    NAME, NUMBER_OF_SCHEMA, POSTURE_EVENT, PosturesOpened, _continued, _OfPostures
+    NAME, NUMBER_OF_SCHEMA, POSTURE_EVENT, PosturesOpened, PosturesContinued, PostureMeaning
 )
 """Of sessions of postures."""
 

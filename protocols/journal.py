@@ -22,7 +22,7 @@ from protocols.record import (
     count_readings,
     digest_of,
 )
-from protocols.session import FIRST_DIGEST, Closed, Event, Line
+from protocols.session import FIRST_DIGEST, Closed, Event, Line, local_now
 
 TAIL_BYTES = 4096
 """So much of the end of the file is looked at before it grows."""
@@ -97,9 +97,15 @@ class Journal:
             journal._unsure = content[record.whole_bytes :]
             aside = files.unused_path(path.with_name(f"{path.name}.torn"))
             files.close(files.write_new(aside, journal._unsure))
-        continued = form.continued(program, record.torn_bytes)
-        paused_s = (continued.at - record.events[-1].at).total_seconds()
-        journal.append(continued.model_copy(update={"paused_s": round(paused_s, 3)}))
+        now = local_now()
+        continued = form.continued(
+            at=now,
+            schema=form.schema,
+            program=program,
+            torn_bytes=record.torn_bytes,
+            paused_s=round((now - record.events[-1].at).total_seconds(), 3),
+        )
+        journal.append(continued)
         return journal
 
     @property
@@ -166,7 +172,7 @@ class Journal:
         try:
             fresh = files.write_new(self.path, bytes(self._content))
         except OSError as problem:
-            self._stop(f"removed or replaced; writing it again: {problem.strerror or problem}")
+            self._stop(f"removed or replaced; writing it again: {files.reason_of(problem)}")
         files.close(self._file)
         self._file, self._unsure = fresh, b""
 
@@ -226,7 +232,7 @@ class Journal:
             with suppress(OSError):  # a torn line is set aside later
                 self._cut_off()
         except OSError as problem:
-            self._stop(f"a disk that does not answer: {problem.strerror or problem}")
+            self._stop(f"a disk that does not answer: {files.reason_of(problem)}")
         finally:
             files.close(self._file)
 
@@ -315,7 +321,7 @@ def _lock(path: Path, file: io.FileIO) -> None:
     except OSError as problem:
         raise RecordError(
             f"session {path}",
-            f"a file that cannot be locked: {problem.strerror or problem}",
+            f"a file that cannot be locked: {files.reason_of(problem)}",
             "a folder whose file system has locks",
             "Record on a disk of this computer and copy the closed session.",
         ) from problem

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import date
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, TypeVar, get_args
+from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
@@ -120,6 +120,22 @@ def _keys_for(problem: ValidationError, kind: type[BaseModel]) -> str:
         return f"Keys: {', '.join(keys)}"
     schema = get_args(kind.model_fields["schema_id"].annotation)[-1].removeprefix("glidecal.")
     return f"docs/schemas/{schema.replace('/', '-')}.json lists the {len(keys)} keys"
+
+
+def toml_text(content: Mapping[str, Any], comments: Iterable[str]) -> str:
+    """A TOML file below ``comments``, a line each: its keys, then its tables, in their order."""
+    lines = [f"# {line}".rstrip() for line in comments]
+    tables: list[tuple[str, dict[str, Any]]] = []
+    for key, value in content.items():
+        if isinstance(value, dict):
+            tables.append((f"[{key}]", value))
+        elif isinstance(value, list) and isinstance(value[0], dict):
+            tables += [(f"[[{key}]]", entry) for entry in value]
+        else:
+            lines.append(f"{key} = {json.dumps(value)}")
+    for heading, table in tables:
+        lines += ["", heading, *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
+    return "\n".join(lines) + "\n"
 
 
 def read_json(

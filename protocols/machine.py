@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable
 from operator import ge
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -31,6 +30,7 @@ from protocols.documents import (
     read_text,
     read_toml,
     refuse_empty,
+    toml_text,
     with_serial_number,
 )
 from protocols.machine_files import SCHEMA, USUAL_MACHINE, machine_files, machine_names, schema_of
@@ -358,20 +358,7 @@ class Machine(Document):
 def machine_text(machine: Machine, comments: Iterable[str]) -> str:
     """The machine file below ``comments``, a line each; defaults are left out."""
     content = machine.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-    content = {"name": machine.name, **content}
-    lines = [*(f"# {line}".rstrip() for line in comments), f'schema = "{machine.schema_id}"']
-    tables: list[tuple[str, dict[str, Any]]] = []
-    for key, value in content.items():
-        several = isinstance(value, list) and isinstance(value[0], dict)
-        if isinstance(value, dict):
-            tables.append((f"[{key}]", value))
-        elif several:
-            tables += [(f"[[{key}]]", entry) for entry in value]
-        else:
-            lines.append(f"{key} = {json.dumps(value)}")
-    for heading, table in tables:
-        lines += ["", heading, *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
-    return "\n".join(lines) + "\n"
+    return toml_text({"schema": machine.schema_id, "name": machine.name, **content}, comments)
 
 
 def _rounded(vector: Triple, digits: int) -> Triple:

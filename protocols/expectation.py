@@ -12,7 +12,7 @@ import numpy as np
 from calib.arrays import TOOL, conditions
 from calib.tripod.prediction import DRIFT_MM_S, ZERO_MM, CorrelatedReadings
 from protocols.documents import ZERO
-from protocols.observations import along_mm, approaches
+from protocols.observations import along_mm, approaches, numbers_of
 from protocols.procedure import Step, leg_number
 from protocols.session import Reading, Session
 
@@ -188,9 +188,7 @@ def _contradicted(
     correlated: CorrelatedReadings, readings: Sequence[Reading], limit_mm: float
 ) -> list[list[list[Reading]]]:
     """Steps, as their readings, that the others contradict: `CorrelatedReadings.contradicted`."""
-    keys = [(r.step or 0, 0 if r.step else r.reading) for r in readings]
-    number = {key: k for k, key in enumerate(dict.fromkeys(keys))}
-    group = np.array([number[key] for key in keys], dtype=np.intp)
+    group = numbers_of([(r.step or 0, 0 if r.step else r.reading) for r in readings])
     noise_mm = max(LEAST_NOISE_MM, limit_mm / (math.sqrt(2.0) * REACH))  # of each of two repeats
     return [
         [[r for r, g in zip(readings, group, strict=True) if g == k] for k in together]
@@ -204,16 +202,14 @@ def _correlated(
     """The latest readings that count, with those of a step at this time on these ``mounts``."""
     machine = session.opened.machine
     readings = session.readings[-MOST:]
-    number = {name: k for k, name in enumerate(dict.fromkeys(r.mount for r in readings))}
     due = [(step, axis) for axis in step.axes] if step else []
     places: list[tuple[Reading | Step, str]] = [*((r, r.axis) for r in readings), *due]
-    names = [*(r.mount for r in readings), *mounts]
     observations = conditions(
         [leg_number(place.leg) for place, _ in places],
         [leg_number(axis) for _, axis in places],
         [place.displacement_mm for place, _ in places],
         station=[place.station for place, _ in places],
-        mount=[number[name] for name in names],
+        mount=numbers_of([*(r.mount for r in readings), *mounts]).tolist(),
         position_mm=[place.position_mm or ZERO for place, _ in places],
     )
     sides = approaches(session)[-MOST:]
@@ -252,7 +248,7 @@ def movement(
     earlier = due[0].before
     if (earlier.posture_mm, earlier.station) == (step.posture_mm, step.station):
         return Movement.SEEN
-    drift_mm = DRIFT_MM_S * max(0.0, time_s - (due[0].before.time_s or 0.0))
+    drift_mm = DRIFT_MM_S * max(0.0, time_s - (earlier.time_s or 0.0))
     bands = [rest_mm + drift_mm for rest_mm in rests_mm]
     hidden = math.prod(
         reading.chance_within(band) for reading, band in zip(due, bands, strict=True)

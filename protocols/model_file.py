@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -261,15 +261,11 @@ def sizes_of(model: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> tuple[S
     geometry, sizes, first = model.machine.geometry(), [], 0
     for entry in model.effects:
         placed = placed_effects(entry, effects, geometry, "model")
-        kind = placed[0].effect
-        bases = [parameter.name for parameter in kind.parameters]
-        for name, parameter in entry.parameters.items():
-            if parameter.held:
+        for name, base, places in _placed_parameters(entry, placed[0].effect, geometry):
+            if entry.parameters[name].held:
                 continue
-            base = bases.index(parameter.of or name)
-            places = _places(entry, parameter, kind, geometry, "model")
             at = [first + k for k, instance in enumerate(placed) if instance.place in places]
-            definition = kind.parameters[base]
+            definition = placed[0].effect.parameters[base]
             sizes.append(
                 Size(
                     f"{entry.id} {entry.where}: {name}",
@@ -280,6 +276,16 @@ def sizes_of(model: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> tuple[S
             )
         first += len(placed)
     return tuple(sizes)
+
+
+def _placed_parameters(
+    entry: EffectEntry, effect: Effect, geometry: Geometry
+) -> Iterator[tuple[str, int, tuple[str, ...]]]:
+    """Of each parameter of an entry its key, its number in the effect, and its places."""
+    numbers = {parameter.name: number for number, parameter in enumerate(effect.parameters)}
+    for key, parameter in entry.parameters.items():
+        places = _places(entry, parameter, effect, geometry, "model")
+        yield key, numbers[parameter.of or key], places
 
 
 def free_effects(
@@ -312,16 +318,12 @@ def with_expected(
     for entry in model.effects:
         parameters = dict(entry.parameters)
         if not any(parameter.held for parameter in parameters.values()):
-            placed = placed_effects(entry, effects, geometry, "model")
-            kind = placed[0].effect
-            bases = [parameter.name for parameter in kind.parameters]
-            for name, parameter in parameters.items():
-                base = bases.index(parameter.of or name)
-                places = _places(entry, parameter, kind, geometry, "model")
-                off, deviation = size_of([(kind, place) for place in places])
-                value = parameter.value + float(off[base])
+            effect = placed_effects(entry, effects, geometry, "model")[0].effect
+            for name, base, places in _placed_parameters(entry, effect, geometry):
+                off, deviation = size_of([(effect, place) for place in places])
+                value = parameters[name].value + float(off[base])
                 update = {"value": value, "standard_uncertainty": float(deviation[base])}
-                parameters[name] = parameter.model_copy(update=update)
+                parameters[name] = parameters[name].model_copy(update=update)
         entries.append(entry.model_copy(update={"parameters": parameters}))
     return model.model_copy(update={"effects": tuple(entries)})
 

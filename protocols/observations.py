@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -73,8 +73,8 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         cycle=np.array(columns["cycle"], dtype=np.intp),
         time_s=np.array(times_s),
         temperature_c=np.array(columns["temperature_c"], dtype=np.float64),  # None is NaN
-        mount=_numbered(mounts),
-        indicator=_numbered(indicators),
+        mount=numbers_of(mounts),
+        indicator=numbers_of(indicators),
         position_mm=_places_mm(columns["position_mm"]),
         movement=np.concatenate(movement),
         along_mm=_along_mm(readings, np.flatnonzero(over_plane), machine),
@@ -120,7 +120,7 @@ def _along_mm(readings: Sequence[Reading], rows: IntArray, machine: Machine) -> 
     return places_mm
 
 
-def _numbered(names: Sequence[str]) -> IntArray:
+def numbers_of(names: Sequence[Hashable]) -> IntArray:
     """Numbers ``(n,)`` of names, in the order in which these come first."""
     number = {name: k for k, name in enumerate(dict.fromkeys(names))}
     return np.array([number[name] for name in names], dtype=np.intp)

@@ -295,8 +295,13 @@ class Procedure(Document):
                 "position",
                 f"a position that the bars reach within {requirement}",
             )
-            outside = (place for place in self.plate.places_mm() if not may_stand(geometry, place))
-            wrong = ((("plate",), position_words(place)) for place in outside)
+            places = self.plate.places_mm()
+            stands = geometry.stands(np.array(places)).tolist()
+            wrong = (
+                (("plate",), position_words(place))
+                for place, may_stand in zip(places, stands, strict=True)
+                if not may_stand
+            )
         else:
             levels: list[tuple[Key, Level]] = [
                 *((("levels", k), level) for k, level in enumerate(self.levels)),
@@ -503,11 +508,6 @@ def off_bar(
         place = f"station {station[k]:g} of leg {names[k]} touched at {touched[k]:.3f} of the bar"
         faults.append((int(k), f"{place} in posture {posture}; usable is {low:g} … {high:g}"))
     return faults
-
-
-def may_stand(geometry: Geometry, position_mm: Triple) -> bool:
-    """Whether bars and joint limits allow a tool position from Zero."""
-    return bool(geometry.stands(np.array([position_mm]))[0])
 
 
 def position_words(position_mm: Triple) -> str:

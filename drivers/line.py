@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
 import time
@@ -74,13 +75,11 @@ class IndicatorLine:
 
     def _answer_nobody(self) -> None:
         """Whoever still waits gets a fault."""
-        while True:
-            try:
+        with contextlib.suppress(queue.Empty):
+            while True:
                 waiting = self._requests.get_nowait()
-            except queue.Empty:
-                return
-            if waiting is not None:
-                waiting.set_result(Fault(FaultKind.DISCONNECTED, "", "the line was closed"))
+                if waiting is not None:
+                    waiting.set_result(Fault(FaultKind.DISCONNECTED, "", "the line was closed"))
 
     def _own(self) -> None:
         while not self._stop.is_set():

@@ -103,7 +103,7 @@ class IndicatorTwin:
         if fault == LineTrouble.SLOW:
             time.sleep(SLOW_S)
         self._count += 1
-        shapes = {
+        shapes: dict[str, bytes] = {
             LineTrouble.SILENCE: b"",
             LineTrouble.SPLIT: answer[: max(1, len(answer) // 2)],
             LineTrouble.NOISE: NOISE + answer,
@@ -111,7 +111,7 @@ class IndicatorTwin:
             LineTrouble.DROP_OUTS: b"" if self._count % 3 == 0 else answer,
             LineTrouble.PARITY: bytes(byte | (byte.bit_count() % 2) << 7 for byte in answer),
         }
-        return next((shape for name, shape in shapes.items() if name == fault), answer)
+        return shapes.get(fault, answer)
 
 
 def faults_of(profile: Profile) -> dict[str, str]:

@@ -187,6 +187,8 @@ class Controller(ABC):
         self.limits = limits
         self.halt = threading.Event()
         self.answer_s = ANSWER_S
+        self.homing = False
+        """Whether it homes now; where only a reset ends that, a stop must know."""
         self.on_wait: Callable[[], None] = lambda: None
         """Called while an answer is waited for: who waits is alive."""
         self.taken_over: ControllerFault | None = None

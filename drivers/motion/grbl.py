@@ -122,7 +122,6 @@ class Grbl(Controller):
         self._acknowledged = True
         self._answers_more = False
         self._under_way = 0
-        self.homing = False
         self.tells_homing = False
 
     def connect(self) -> None:
@@ -152,8 +151,8 @@ class Grbl(Controller):
 
     def handles(self) -> tuple[int, ...]:
         """The port, which cannot be opened twice."""
-        numbered = self.wire is not None and hasattr(self.wire, "fileno")  # not on Windows
-        return (self.wire.fileno(),) if self.wire is not None and numbered else ()
+        # not on Windows
+        return (self.wire.fileno(),) if self.wire and hasattr(self.wire, "fileno") else ()
 
     def _opened(self) -> SerialPort:
         try:
@@ -289,7 +288,7 @@ class Grbl(Controller):
 
     def home(self) -> None:
         """Home all carriages, as the operator confirmed; only a reset ends that."""
-        self.homing = True  # until it is done: a stop must know
+        self.homing = True  # until it is done
         self._done("$H", HOMING_S)
         self.homing = False
 

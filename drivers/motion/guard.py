@@ -152,9 +152,7 @@ def main() -> None:
         if word == BYE or (not word and not armed):
             return
         if word in (BEAT, HOMING):
-            armed = True
-            if isinstance(guarded, Grbl):
-                guarded.homing = word == HOMING
+            armed, guarded.homing = True, word == HOMING
         elif word == REST:
             armed = False
         else:

@@ -514,7 +514,7 @@ class MotionLine:
             gap_s, last_s = now_s - last_s, now_s
             if self._state in MAY_MOVE:
                 silent = self._look_after(gap_s, now_s)
-                word = HOMING if getattr(self.controller, "homing", False) else BEAT
+                word = HOMING if self.controller.homing else BEAT
                 if not silent:
                     self.tell_guard(word)
                     last_word = word

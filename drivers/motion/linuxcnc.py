@@ -126,12 +126,12 @@ class LinuxCnc(Controller):
             if answer.startswith("HELLO NAK"):
                 raise self._refused("the password to connect")
             if not answer.startswith("HELLO ACK"):
-                raise self._stranger(answer)
+                raise self._not_understood(answer, MotionFault.STRANGER)
             # without verbose what is accepted has no answer
             self._send("set echo off\nset verbose on")
             while self._line(deadline) != "SET VERBOSE ACK":  # what is echoed until then
                 if deadline.over:
-                    raise self._stranger("lines without end")
+                    raise self._not_understood("lines without end", MotionFault.STRANGER)
             self._took_control = True
             self._send(f"set enable {enable}")
             if self._line(deadline) != "SET ENABLE ACK":
@@ -164,11 +164,6 @@ class LinuxCnc(Controller):
         next_step = f"Set {PASSWORDS} to both, as 'CONNECT ENABLE'."
         value = f"{password} is another one"
         return self.fault(MotionFault.REFUSED, value, next_step=next_step)
-
-    def _stranger(self, answer: str) -> ControllerFault:
-        requirement = "what linuxcncrsh answers"
-        value = repr(answer[:60])
-        return self.fault(MotionFault.STRANGER, value, requirement, "Is it another program?")
 
     def ready(self) -> tuple[str, ...]:
         """What is right, in the controller's own words."""
@@ -431,10 +426,9 @@ class LinuxCnc(Controller):
             self._socket = None
         return self.fault(MotionFault.LOST, why)
 
-    def _not_understood(self, answer: str) -> ControllerFault:
+    def _not_understood(self, answer: str, kind: MotionFault = MotionFault.LOST) -> ControllerFault:
         requirement = "what linuxcncrsh answers"
-        value = repr(answer[:60])
-        return self.fault(MotionFault.LOST, value, requirement, "Is it another program?")
+        return self.fault(kind, repr(answer[:60]), requirement, "Is it another program?")
 
 
 def _short(states: str) -> str:

@@ -51,7 +51,6 @@ SessionSchema = Literal[
 """Of 1 every chain has a rail; from 3 on the day of an imported table can be stated, from 4 on the
 machine's serial number and place."""
 
-NAME, NUMBER_OF_SCHEMA = "glidecal.hexaslide-session", len(get_args(SessionSchema))
 SCHEMA_ID: SessionSchema = get_args(SessionSchema)[-1]
 PROCEDURES = Path(__file__).with_name("hexaslide_procedures")
 
@@ -334,7 +333,7 @@ class PostureMeaning(Meaning):
 
 
 POSTURE_FORM = RecordForm(
-    NAME, NUMBER_OF_SCHEMA, POSTURE_EVENT, PosturesOpened, PosturesContinued, PostureMeaning
+    SCHEMA_ID, POSTURE_EVENT, PosturesOpened, PosturesContinued, PostureMeaning
 )
 """Of sessions of postures."""
 

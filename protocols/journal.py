@@ -140,7 +140,13 @@ class Journal:
         lines: list[bytes] = []
         for number, event in enumerate(events, start=len(self._events) + 1):
             chained = event.model_copy(update={"line": number, "previous": digest, "seal": ""})
-            unsealed = _encoded(chained)  # its own key comes before all text of the event
+            try:
+                unsealed = chained.model_dump_json(exclude_none=True).encode()
+            except PydanticSerializationError as problem:
+                raise RecordError(
+                    "session", "text that is not Unicode", "Unicode text"
+                ) from problem
+            # its own key comes before all text of the event
             seal = f'"seal":"{digest_of(unsealed)}"'.encode()
             lines.append(unsealed.replace(b'"seal":""', seal, 1))
             digest = digest_of(lines[-1])
@@ -246,13 +252,6 @@ def _is_record(path: Path, content: bytes, form: RecordForm) -> bool:
     with suppress(RecordError):
         return bool(check_record(path, content, form))
     return False
-
-
-def _encoded(event: Line) -> bytes:
-    try:
-        return event.model_dump_json(exclude_none=True).encode()
-    except PydanticSerializationError as problem:
-        raise RecordError("session", "text that is not Unicode", "Unicode text") from problem
 
 
 def write_whole(

@@ -243,16 +243,14 @@ class Machine(Document):
     @model_validator(mode="after")
     def _possible(self) -> Machine:
         try:
-            self.geometry()
+            geometry = self.geometry()
         except CalibrationError as problem:
             raise ValueError(str(problem)) from problem
         if self.rail_mm and self.rail_mm[0] >= self.rail_mm[1]:
             raise ValueError("rail_mm: the nearer end first, then the other")
         if self.home_offset_mm and self.position_endstop_mm:
             raise ValueError("home_offset_mm and position_endstop_mm: the same switches; state one")
-        if self.radius_tolerance_mm and (
-            not self.across_tolerance_mm or self.geometry().common_zero
-        ):
+        if self.radius_tolerance_mm and (not self.across_tolerance_mm or geometry.common_zero):
             raise ValueError(
                 "radius_tolerance_mm: of towers around the middle, beside across_tolerance_mm"
             )

@@ -28,7 +28,7 @@ from protocols.procedure import Step
 from protocols.session import (
     EVENT,
     FIRST_DIGEST,
-    SCHEMA_NUMBER,
+    SCHEMA,
     Closed,
     Continued,
     Distance,
@@ -91,22 +91,26 @@ class Meaning:
 class RecordForm:
     """What the lines of a record are.
 
-    ``name`` and ``number`` are those of the schema that is written; all numbers before it are read.
+    ``schema`` is that of what is written; all numbers before it are read.
     ``lines`` reads one, the first is an ``opened``, the one after a break a ``continued``;
     ``meaning`` looks at their order.
     """
 
-    name: str
-    number: int
+    schema: str
     lines: TypeAdapter[Any]
     opened: type[Line]
     continued: Callable[..., Line]
     meaning: type[Meaning]
 
     @property
-    def schema(self) -> str:
-        """That of what is written."""
-        return f"{self.name}/{self.number}"
+    def name(self) -> str:
+        """The schema without its number."""
+        return self.schema.rpartition("/")[0]
+
+    @property
+    def number(self) -> int:
+        """That of the schema."""
+        return int(self.schema.rpartition("/")[2])
 
 
 def record_form(name: str) -> RecordForm:
@@ -353,9 +357,7 @@ class SessionMeaning(Meaning):
             raise self.error(number, f"mounting {event.mount} in a second place", "one place")
 
 
-SESSION_FORM = RecordForm(
-    "glidecal.session", SCHEMA_NUMBER, EVENT, Opened, Continued, SessionMeaning
-)
+SESSION_FORM = RecordForm(SCHEMA, EVENT, Opened, Continued, SessionMeaning)
 """Of sessions with indicators or contacts."""
 
 

@@ -113,11 +113,11 @@ class Closable(Protocol):
 def close_port(port: Closable) -> None:
     """Close the port whatever state it is in."""
     # pyserial leaves the socket of a vanished peer open: its shutdown fails before close
-    behind: socket.socket | None = getattr(port, "_socket", None)
+    port_socket: socket.socket | None = getattr(port, "_socket", None)
     with contextlib.suppress(*PORT_ERRORS):
         port.close()
-    if behind is not None:
-        behind.close()
+    if port_socket is not None:
+        port_socket.close()
 
 
 def cannot_open(port: str, problem: Exception) -> IndicatorError:

@@ -191,7 +191,7 @@ class Controller(ABC):
         """Whether it homes now; where only a reset ends that, a stop must know."""
         self.on_wait: Callable[[], None] = lambda: None
         """Called while an answer is waited for: who waits is alive."""
-        self.taken_over: ControllerFault | None = None
+        self.takeover: ControllerFault | None = None
         """Set where control had to be taken from somebody else for the last stop."""
         self._received = b""
         self._stopping = False
@@ -229,7 +229,7 @@ class Controller(ABC):
         return self.look()
 
     @property
-    def own_states(self) -> Mapping[str, str]:
+    def command_states(self) -> Mapping[str, str]:
         """What its own commands make of the states that are supervised."""
         return {}
 
@@ -290,7 +290,7 @@ class Controller(ABC):
         patience_s = AGAIN_S
         first_mm: Triple | None = None
         waits = False
-        why, self.taken_over = "no answer", None
+        why, self.takeover = "no answer", None
         while not gives_up(why):
             now_s = time.monotonic()
             try:
@@ -307,7 +307,7 @@ class Controller(ABC):
             except ControllerFault as problem:
                 why, first_mm, waits = problem.found or problem.reason, None, False
                 if problem.kind is MotionFault.CONTROL_LOST:
-                    self.taken_over = problem
+                    self.takeover = problem
                 send_s = min(send_s, now_s + APART_S)  # by another way, soon
                 time.sleep(SLICE_S)
                 continue
@@ -361,10 +361,10 @@ class Controller(ABC):
             raise self.fault(MotionFault.CONTROLLER, f"{word[:40]!r}", "a number")
         return value
 
-    def is_at(self, place_mm: Triple, wanted_mm: Triple) -> bool:
+    def is_at(self, place_mm: Triple, target_mm: Triple) -> bool:
         """Whether a place that was read back is the one that was wanted."""
         # not `<=` of a maximum: that swallows what is no number
-        pairs = zip(place_mm, wanted_mm, strict=True)
+        pairs = zip(place_mm, target_mm, strict=True)
         return all(abs(a - b) <= self.limits.reached_mm for a, b in pairs)
 
     def fault(

@@ -171,10 +171,10 @@ class Grbl(Controller):
         self._acknowledged = True
         while not deadline.over:
             self._question(REPORT)
-            again = Deadline(min(self.answer_s, WAKE_S))
-            while not again.over:
+            retry = Deadline(min(self.answer_s, WAKE_S))
+            while not retry.over:
                 try:
-                    line = self._line(again)
+                    line = self._line(retry)
                 except NoLine:
                     break
                 if self._note(line) is not None:
@@ -342,9 +342,9 @@ class Grbl(Controller):
         deadline = Deadline(self.answer_s)
         while True:
             self._question(self._ask)
-            again = Deadline(min(self.answer_s, ASK_AGAIN_S))  # a question may be lost
+            retry = Deadline(min(self.answer_s, ASK_AGAIN_S))  # a question may be lost
             try:
-                while (place_mm := self._note(self._heard(again))) is None:
+                while (place_mm := self._note(self._fresh_line(retry))) is None:
                     pass
             except NoLine:
                 if deadline.over:
@@ -377,7 +377,7 @@ class Grbl(Controller):
         self._send(command.encode() + b"\n")
         self._acknowledged = False
         answers: list[str] = []
-        while (line := self._heard(deadline)) != "ok":
+        while (line := self._fresh_line(deadline)) != "ok":
             if line.startswith("error:"):
                 self._acknowledged = True
                 why = SAFE.get(line[6:], "see its list of errors")
@@ -401,7 +401,7 @@ class Grbl(Controller):
         self._received, self._acknowledged, self._under_way = b"", True, 0
         self._answers_more = False
 
-    def _heard(self, deadline: Deadline) -> str:
+    def _fresh_line(self, deadline: Deadline) -> str:
         """The next line; an alarm, or a board that started anew, is a fault."""
         line = self._line(deadline)
         if line.startswith("ALARM:"):

@@ -228,7 +228,7 @@ class HeadlessLinuxCnc:
         check_linuxcnc()
         with socket.create_server(("127.0.0.1", 0)) as free:
             port = free.getsockname()[1]
-        self.told = f"linuxcnc:127.0.0.1:{port}"
+        self.endpoint = f"linuxcnc:127.0.0.1:{port}"
         connect, enable = secrets.token_hex(6), secrets.token_hex(6)
         self._folder = Path(tempfile.mkdtemp(prefix="glidecal-linuxcnc-"))
         self._passwords = os.environ.get(PASSWORDS)
@@ -257,7 +257,7 @@ class HeadlessLinuxCnc:
             raise
 
     def _homed(self, limits: Limits) -> None:
-        operator = _Operator(self.told.removeprefix("linuxcnc:"), limits)
+        operator = _Operator(self.endpoint.removeprefix("linuxcnc:"), limits)
         operator.answer_s = ACCEPT_S
         end_s = time.monotonic() + START_S
         while True:
@@ -266,14 +266,16 @@ class HeadlessLinuxCnc:
                 break
             except ControllerFault as problem:
                 if self._running.poll() is not None or time.monotonic() > end_s:
-                    raise MotionError("LinuxCNC, start", self._said(), "", OTHERWISE) from problem
+                    raise MotionError(
+                        "LinuxCNC, start", self._log_end(), "", OTHERWISE
+                    ) from problem
                 time.sleep(0.1)
         try:
             operator.prepare()
         finally:
             operator.close()
 
-    def _said(self) -> str:
+    def _log_end(self) -> str:
         """The last that it said, without the names of its logs: they are removed with it."""
         log = (self._folder / "log").read_text(encoding="utf-8", errors="replace")
         return " ".join(log.partition("LinuxCNC terminated")[0].split())[-LAST:]

@@ -296,7 +296,7 @@ class LinuxCnc(Controller):
             earlier = snapshot
 
     @property
-    def own_states(self) -> Mapping[str, str]:
+    def command_states(self) -> Mapping[str, str]:
         """A move is told in MDI."""
         return {"mode": "MDI"}
 

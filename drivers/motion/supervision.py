@@ -83,8 +83,8 @@ class Supervision:
             raise self._controller.fault(MotionFault.CHANGED, ", ".join(changes))
         self._states |= {k: v for k, v in snapshot.states.items() if k not in self._states}
 
-    def _elsewhere(self, place_mm: Triple, wanted_mm: Triple) -> ControllerFault:
-        value = f"{place_words(place_mm)} in place of {place_words(wanted_mm)}"
+    def _elsewhere(self, place_mm: Triple, target_mm: Triple) -> ControllerFault:
+        value = f"{place_words(place_mm)} in place of {place_words(target_mm)}"
         tolerance = f"within {self._controller.limits.reached_mm:g} mm of it"
         return self._controller.fault(MotionFault.ELSEWHERE, value, tolerance)
 
@@ -107,7 +107,7 @@ class Supervision:
         controller.limits.check_way(from_mm, to_mm)
         if controller.halt.is_set():
             raise controller.fault(MotionFault.STOPPED, "before it moved")
-        self._states |= controller.own_states
+        self._states |= controller.command_states
         self.way_mm = from_mm, to_mm
         controller.begin(to_mm, feed_mm_min)
         way_s = math.dist(from_mm, to_mm) / feed_mm_min * 60.0

@@ -100,8 +100,8 @@ class SimulatedAxes:
             return self.frozen or time.monotonic() - self._departed_s < self.way_s
 
     def _now(self) -> Triple:
-        gone_s = time.monotonic() - self._departed_s
-        share = 1.0 if gone_s >= self.way_s else gone_s / self.way_s
+        elapsed_s = time.monotonic() - self._departed_s
+        share = 1.0 if elapsed_s >= self.way_s else elapsed_s / self.way_s
         x, y, z = (a + share * (b - a) for a, b in zip(self.from_mm, self.to_mm, strict=True))
         return x, y, z
 
@@ -110,7 +110,7 @@ class MotionTwin(Protocol):
     """A simulated controller that listens."""
 
     axes: SimulatedAxes
-    told: str
+    endpoint: str
     """What names it to `drivers.motion.controller_of`."""
     moves: list[str]
     """Every line that moved it, or was to."""
@@ -186,7 +186,7 @@ class LinuxCncTwin:
         self._dead = False
         self._listen(0)
         self.address = f"127.0.0.1:{self._server.server_address[1]}"
-        self.told = f"linuxcnc:{self.address}"
+        self.endpoint = f"linuxcnc:{self.address}"
 
     def _listen(self, port: int) -> None:
         twin = self
@@ -247,10 +247,10 @@ class LinuxCncTwin:
         self._clients.append(connection)
         received = b""
         with contextlib.suppress(OSError):
-            while came := connection.recv(4096):
+            while chunk := connection.recv(4096):
                 if client.echo and client.linked:
-                    connection.sendall(came)
-                received = (received + came).replace(b"\r", b"\n")
+                    connection.sendall(chunk)
+                received = (received + chunk).replace(b"\r", b"\n")
                 *lines, received = received.split(b"\n")
                 for line in lines:
                     answer = self.answer(client, line.decode("latin-1").split())
@@ -265,7 +265,7 @@ class LinuxCncTwin:
                 client.linked = client.linked or fields[1] == self._connect
                 return "HELLO ACK EMCNETSVR 1.1\r\n" if client.linked else "HELLO NAK\r\n"
             case ["GET", name] if client.linked:
-                return self._got(client, name.lower())
+                return self._get(client, name.lower())
             case ["SET", name] if client.linked:
                 is_set = self._set(client, name.lower(), fields[2:])
                 if is_set and not client.verbose:
@@ -273,7 +273,7 @@ class LinuxCncTwin:
                 return f"SET {name} {'ACK' if is_set else 'NAK'}\n\r"
         return "SET NAK\r\n" if fields and fields[0].upper() == "SET" else ""
 
-    def _got(self, client: Client, name: str) -> str:
+    def _get(self, client: Client, name: str) -> str:
         moving = self.axes.moving
         with self.lock:
             if name == "error":
@@ -411,7 +411,7 @@ class GrblTwin:
         self.aborts = self._reports = 0
         self._port = TwinPort(self, transport)
         self.address = self._port.url
-        self.told = f"grbl:{self.address}"
+        self.endpoint = f"grbl:{self.address}"
 
     def befall(self, trouble: MotionTrouble) -> None:
         """From now on this is so."""

@@ -49,7 +49,7 @@ SEMICOLON = re.compile(rf";(?={FORMULA.pattern})")
 """Where spreadsheets part cells by semicolons, a cell of commas is parted here, quoted or not."""
 
 AMBIGUOUS = re.compile(r"\\(?=u003b|u005c)")
-SHOWN = re.compile(r"\\u(003b|005c)")
+ESCAPE = re.compile(r"\\u(003b|005c)")
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class DataTable:
         cells = [row[k] for row in self.rows[:1] for k in self._for_reader]
         return next((k for k, cell in enumerate(cells) if not isinstance(cell, str)), len(cells))
 
-    def shown_rows(self) -> Iterator[tuple[str, ...]]:
+    def reader_rows(self) -> Iterator[tuple[str, ...]]:
         """Cells as texts for a reader, values with the decimals that their uncertainty needs."""
         widths = [k for k, column in enumerate(self.quantities) if column.kind == "uncertainty"]
         for row in self.rows:
@@ -104,7 +104,7 @@ class DataTable:
         """As Jupyter asks for it: the columns for a reader, with the help of each over it."""
         columns = [self.quantities[k] for k in self._for_reader]
         head = (f'<th title="{escape(q.words)}">{escape(q.heading)}</th>' for q in columns)
-        rows = ((f"<td>{escape(cell)}</td>" for cell in row) for row in self.shown_rows())
+        rows = ((f"<td>{escape(cell)}</td>" for cell in row) for row in self.reader_rows())
         lines = ("".join(row) for row in (head, *rows))
         return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
@@ -114,7 +114,7 @@ class DataTable:
             import pandas
         return pandas.DataFrame.from_records(list(self.rows), columns=list(self.names))
 
-    def written(self, as_format: str) -> str | bytes:
+    def file_content(self, as_format: str) -> str | bytes:
         """The table as a file of one of `FORMATS`, its texts `protected`: they are read as here.
 
         Raises UsageError where the library for it is not installed.
@@ -200,7 +200,7 @@ def protected(text: str) -> str:
 def unprotected(cell: str) -> str:
     """The text that `protected` made this of; a cell that it could not have made, as it is."""
     inside = cell[1:-1] if _is_quoted(cell) else cell
-    return SHOWN.sub(lambda match: ";" if match[1] == "003b" else "\\", inside)
+    return ESCAPE.sub(lambda match: ";" if match[1] == "003b" else "\\", inside)
 
 
 def _is_quoted(text: str) -> bool:

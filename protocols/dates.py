@@ -9,7 +9,7 @@ from typing import Literal, Protocol
 Origin = Literal["measured", "simulated", "imported"]
 
 
-class Written(Protocol):
+class RecordLine(Protocol):
     """A line of a record."""
 
     @property
@@ -17,7 +17,7 @@ class Written(Protocol):
         """When it was written."""
 
 
-class Beginning(Written, Protocol):
+class Beginning(RecordLine, Protocol):
     """The first line."""
 
     @property
@@ -48,7 +48,7 @@ def measured_words(opened: Beginning, form: str = "%Y-%m-%d") -> str:
     return f"{opened.measured_on or 'not stated'}, imported {recorded}"
 
 
-def measured_days(opened: Beginning, readings: Iterable[Written]) -> tuple[date, date]:
+def measured_days(opened: Beginning, readings: Iterable[RecordLine]) -> tuple[date, date]:
     """The day when the session began, and that of its last reading; of a table the day of all."""
     first = measured_at(opened).date()
     if opened.origin == "imported":
@@ -56,7 +56,7 @@ def measured_days(opened: Beginning, readings: Iterable[Written]) -> tuple[date,
     return first, max([first, *(reading.at.date() for reading in readings)])
 
 
-def day_words(opened: Beginning, readings: Iterable[Written]) -> str:
+def day_words(opened: Beginning, readings: Iterable[RecordLine]) -> str:
     """The days when it was measured; where nobody stated it, the day of the import."""
     if not is_dated(opened):
         return measured_words(opened)

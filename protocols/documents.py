@@ -67,7 +67,7 @@ MOST_FAULTS, MOST_KEYS = 3, 20
 """That a message names."""
 
 MOST_BYTES = 16_000_000
-MOST_WRITTEN_BYTES = 1_000_000
+MOST_EDITED_BYTES = 1_000_000
 """Of a file that a person writes."""
 
 D = TypeVar("D", bound=BaseModel)
@@ -78,7 +78,7 @@ def read_toml(path: Path, kind: type[D], subject: str, next_step: str = "") -> D
 
     ``next_step`` is for a text of another kind.
     """
-    text = read_text(path, subject, MOST_WRITTEN_BYTES)
+    text = read_text(path, subject, MOST_EDITED_BYTES)
     if is_deep(text):
         raise RecordError(f"{subject} {path}", "a key of very many parts", "TOML text")
     try:

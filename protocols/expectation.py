@@ -35,7 +35,7 @@ class ExpectedReading:
     """What one indicator should show in a step: mean and standard deviation, mm.
 
     Further off than ``limit_mm`` is questioned. ``before`` is the last reading of the mounting.
-    ``sure`` are mean and standard deviation of a machine without play: a change that only play
+    ``play_free`` are mean and standard deviation of a machine without play: a change that only play
     would bring need not come. Nor need any where the machine was ``calibrated``.
     """
 
@@ -43,7 +43,7 @@ class ExpectedReading:
     mean_mm: float
     deviation_mm: float
     limit_mm: float
-    sure: tuple[float, float]
+    play_free: tuple[float, float]
     calibrated: bool
 
     def is_beyond(self, value_mm: float) -> bool:
@@ -55,7 +55,7 @@ class ExpectedReading:
         if self.calibrated:
             return 1.0
         ends = (self.before.value_mm - rest_mm, self.before.value_mm + rest_mm)
-        mean_mm, deviation_mm = self.sure
+        mean_mm, deviation_mm = self.play_free
         low, high = ((e - mean_mm) / (deviation_mm * math.sqrt(2.0)) for e in ends)
         return 0.5 * (math.erf(high) - math.erf(low))
 
@@ -63,7 +63,7 @@ class ExpectedReading:
 class Movement(StrEnum):
     """What readings tell of a move between two steps."""
 
-    SEEN = "seen"  # a change came, or none was asked for
+    CONFIRMED = "seen"  # a change came, or none was asked for
     UNCHANGED = "unchanged"  # a change was to be seen, and none came
     UNKNOWN = "unknown"  # no change was to be seen: the readings prove nothing
 
@@ -86,12 +86,14 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReadi
     correlated = _correlated(session, step, time_s, mounts)
     noise_mm = max(LEAST_NOISE_MM, min(procedure.tolerance_mm, limit_mm / (2.0 * REACH)))
     noises_mm = np.full(len(readings) + len(mounts), noise_mm)
-    kept_mm = noises_mm.copy()  # whether it moved: no contradiction widens that
-    kept_mm[: len(readings)][[r.reading in session.restored for r in readings]] = limit_mm
-    sure = correlated.predict(kept_mm, worn=False)
+    movement_noises_mm = noises_mm.copy()  # whether it moved: no contradiction widens that
+    movement_noises_mm[: len(readings)][[r.reading in session.restored for r in readings]] = (
+        limit_mm
+    )
+    play_free = correlated.predict(movement_noises_mm, worn=False)
     for together in _contradicted(correlated, readings, limit_mm):
-        kept = [g for g in together if any(r.reading in session.restored for r in g)]
-        doubted = {r.reading for g in kept or together for r in g}
+        restored_groups = [g for g in together if any(r.reading in session.restored for r in g)]
+        doubted = {r.reading for g in restored_groups or together for r in g}
         noises_mm[: len(readings)][[r.reading in doubted for r in readings]] = ZERO_MM
     worn = correlated.predict(noises_mm, worn=True)
     calibrated = session.opened.verifies is not None or any(machine.entered_offsets_mm)
@@ -101,10 +103,10 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReadi
             mean_mm=float(mean),
             deviation_mm=float(deviation),
             limit_mm=max(limit_mm, REACH * float(deviation)),
-            sure=(float(plain), float(spread)),
+            play_free=(float(plain), float(spread)),
             calibrated=calibrated,
         )
-        for mount, mean, deviation, plain, spread in zip(mounts, *worn, *sure, strict=True)
+        for mount, mean, deviation, plain, spread in zip(mounts, *worn, *play_free, strict=True)
     )
 
 
@@ -157,7 +159,7 @@ def _is_here(step: Sequence[Reading], now: Reading) -> bool:
     return any(r.set_up == now.set_up for r in step)
 
 
-def since_last_seen(session: Session) -> tuple[Reading, ...]:
+def since_last_repeat(session: Session) -> tuple[Reading, ...]:
     """What was read where the stand is since it was last seen where it had been.
 
     It is seen by a reading that repeats one from before; without any that is the first step. So
@@ -247,7 +249,7 @@ def movement(
         return Movement.UNKNOWN
     earlier = due[0].before
     if (earlier.posture_mm, earlier.station) == (step.posture_mm, step.station):
-        return Movement.SEEN
+        return Movement.CONFIRMED
     drift_mm = DRIFT_MM_S * max(0.0, time_s - (earlier.time_s or 0.0))
     bands = [rest_mm + drift_mm for rest_mm in rests_mm]
     hidden = math.prod(
@@ -255,5 +257,5 @@ def movement(
     )
     changes = (abs(v - reading.before.value_mm) for v, reading in zip(values_mm, due, strict=True))
     if any(change > band for change, band in zip(changes, bands, strict=True)):
-        return Movement.SEEN if hidden < 0.5 else Movement.UNKNOWN
+        return Movement.CONFIRMED if hidden < 0.5 else Movement.UNKNOWN
     return Movement.UNCHANGED if hidden < HIDDEN else Movement.UNKNOWN

@@ -369,12 +369,12 @@ MeasurementsSchema = Literal["glidecal.hexaslide-measurements/1"]
 TruthSchema = Literal["glidecal.hexaslide-truth/1"]
 SCHEMA: MeasurementsSchema = "glidecal.hexaslide-measurements/1"
 TRUTH_SCHEMA: TruthSchema = "glidecal.hexaslide-truth/1"
-EACH_OWN_LINE = ",\n  "
+ROW_SEPARATOR = ",\n  "
 WHOLE_FILE = "a whole file as glidecal simulate --machine hexaslide writes it"
 NUMBER_OF_POSTURE = re.compile(r"postures\.(\d+)")
 
-MOST_READ = 100.0
-Value = Annotated[float, Field(ge=-MOST_READ, le=MOST_READ)]
+LARGEST_VALUE = 100.0
+Value = Annotated[float, Field(ge=-LARGEST_VALUE, le=LARGEST_VALUE)]
 NoiseFigure = Annotated[float, Field(ge=0.0, le=100.0)]
 
 
@@ -464,7 +464,7 @@ class HexaSlideMeasurements(Document):
     def text(self) -> str:
         """The file: a header, then one posture a line."""
         header = self.model_dump(mode="json", exclude={"postures"})
-        rows = EACH_OWN_LINE.join(posture.model_dump_json() for posture in self.postures)
+        rows = ROW_SEPARATOR.join(posture.model_dump_json() for posture in self.postures)
         return f'{_lines(header)},\n "postures": [\n  {rows}\n ]\n}}\n'
 
 

@@ -219,16 +219,16 @@ class SimulatedPostures:
     def __init__(
         self,
         machine: HexaSlideMachine,
-        asked: PostureCommands,
+        planned: PostureCommands,
         seed: int,
         truth: HexaSlideMachine | None = None,
     ) -> None:
-        procedure = asked.procedure.whole().on(machine.whole())
+        procedure = planned.procedure.whole().on(machine.whole())
         tolerances = machine.tolerances.of(procedure.parameters)
         true = None if truth is None else truth.whole()
         self._machine = SimulatedHexaSlide(procedure, machine.whole(), tolerances, seed, true)
-        self._asked = asked
-        stated = asked.procedure
+        self._planned = planned
+        stated = planned.procedure
         self._noise = np.array([stated.noise_mm / 1000.0, np.radians(stated.noise_deg)])
 
     @property
@@ -240,13 +240,13 @@ class SimulatedPostures:
         """What is typed in a posture, counted from 1, the first time or later. Raises as
         `SimulatedHexaSlide.read`.
         """
-        planned, procedure = self._asked, self._asked.procedure.whole()
+        planned, procedure = self._planned, self._planned.procedure.whole()
         where = planned.procedure.in_metres()[posture - 1]
         target_m = np.array(planned.of(posture)) / 1000.0
         sliders, values = self._machine.read(where, target_m, posture, attempt, self._noise)
         angular = np.array([name in ANGLES for name in procedure.measured], dtype=bool)
-        values_shown = np.where(angular, np.degrees(values), 1000.0 * values)
-        numbers = [*(1000.0 * sliders if procedure.has_rigid_link else []), *values_shown]
+        display_values = np.where(angular, np.degrees(values), 1000.0 * values)
+        numbers = [*(1000.0 * sliders if procedure.has_rigid_link else []), *display_values]
         return " ".join(f"{number:.5f}" for number in numbers)
 
 

@@ -245,7 +245,7 @@ class Journal:
     def discard(self) -> None:
         """Let go of the file and remove it: nobody was told of anything in it."""
         if not self._file.closed:
-            files.remove_own(self.path, self._file)
+            files.remove_open(self.path, self._file)
 
 
 def _is_record(path: Path, content: bytes, form: RecordForm) -> bool:

@@ -373,8 +373,8 @@ def _import_of(path: Path) -> str:
     """What makes a machine file of a file that may be a firmware's; empty for ``.toml``."""
     if path.suffix.lower() == ".toml":
         return ""
-    written = "-o first.jsonl --machine-file-out printer.toml"
-    return f"If it is a printer's: glidecal import {path} {written}"
+    options = "-o first.jsonl --machine-file-out printer.toml"
+    return f"If it is a printer's: glidecal import {path} {options}"
 
 
 def load_machine(name_or_path: Path | str | None) -> Machine:

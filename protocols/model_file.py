@@ -48,7 +48,7 @@ def effect_entry(
     as ``shift_xy`` that begin with the catalogue's. Places of equal value share one parameter.
     Raises RecordError for a complex value.
     """
-    effect, known_sizes = placed[0].effect, uncertainties or {}
+    effect, stated_sizes = placed[0].effect, uncertainties or {}
     parameters: dict[str, ParameterEntry] = {}
     for instance in placed:
         for parameter, value in zip(effect.parameters, instance.values, strict=True):
@@ -58,8 +58,8 @@ def effect_entry(
             base, placed_name = parameter.name, f"{parameter.name}_{instance.place}"
             matching = [
                 name
-                for name, (known_value, _) in known_sizes.items()
-                if (name == base or name.startswith(base + "_")) and known_value == value
+                for name, (stated_value, _) in stated_sizes.items()
+                if (name == base or name.startswith(base + "_")) and stated_value == value
             ]
             name = placed_name if len(placed) > 1 else base
             if matching and placed_name not in matching:
@@ -72,7 +72,7 @@ def effect_entry(
             parameters[name] = ParameterEntry(
                 value=float(value),
                 unit=parameter.unit,
-                standard_uncertainty=known_sizes[name][1] if name in known_sizes else None,
+                standard_uncertainty=stated_sizes[name][1] if name in stated_sizes else None,
                 of=base,
                 places=places,
             )
@@ -153,13 +153,13 @@ def _places(
     readings = conditions(*at, [0.0] * len(at[0]))
     of_tool = readings.leg == TOOL
     contacts = replace(readings, contact=of_tool, beside_mm=np.outer(of_tool, np.ones(3)))
-    known_places = tuple(dict.fromkeys((*effect.places(readings), *effect.places(contacts))))
-    default_places = known_places if entry.where == "all" else (entry.where,)
+    possible_places = tuple(dict.fromkeys((*effect.places(readings), *effect.places(contacts))))
+    default_places = possible_places if entry.where == "all" else (entry.where,)
     places = parameter.places or default_places
-    unknown = [place for place in places if place not in known_places]
+    unknown = [place for place in places if place not in possible_places]
     if unknown:
         raise RecordError(
-            f"{subject}, place of {entry.id}", ", ".join(unknown), ", ".join(known_places)
+            f"{subject}, place of {entry.id}", ", ".join(unknown), ", ".join(possible_places)
         )
     return places
 

@@ -42,7 +42,7 @@ def procedure_of(machine: Machine, *, moving: bool) -> str:
     return SELF_MOVING
 
 
-def told_mm(step: Step, machine: Machine) -> Triple:
+def commanded_mm(step: Step, machine: Machine) -> Triple:
     """What the controller is told for a step, in the coordinates that it takes.
 
     Raises UnreachablePosture.

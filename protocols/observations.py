@@ -367,11 +367,11 @@ def _values_step_mm(session: Session) -> float | None:
 
     What was written down of a contact is its place.
     """
-    values = np.array([_written_mm(r) for r in session.readings if r.averaged == 1])
+    values = np.array([_recorded_mm(r) for r in session.readings if r.averaged == 1])
     return display_step_mm(values, session.step_mm)
 
 
-def _written_mm(reading: Reading) -> float:
+def _recorded_mm(reading: Reading) -> float:
     if reading.contact and reading.position_mm:
         return reading.position_mm[leg_number(reading.axis)]
     return reading.value_mm
@@ -402,8 +402,8 @@ def corrected_readings(session: Session, cleaned: CleanedReadings) -> Iterator[R
     """
     observed, cleaned_rows = to_observations([session]).take(cleaned.rows), cleaned.observed
     readings = [session.readings[row] for row in cleaned.rows.tolist()]
-    read_mm = np.array([reading.value_mm for reading in readings])
-    values = read_mm + (_values_mm(observed, cleaned) - observed.value_mm)
+    recorded_mm = np.array([reading.value_mm for reading in readings])
+    values = recorded_mm + (_values_mm(observed, cleaned) - observed.value_mm)
     mounts = _mount_names(readings, cleaned_rows)
     for k, reading in enumerate(readings):
         tool = TOUCHED_NAMES[cleaned_rows.leg[k]] == "tool"

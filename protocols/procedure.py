@@ -176,8 +176,8 @@ class Procedure(Document):
             steps = self.cycles * len(self.plate.places_mm())
         if self.plane is not None:
             over = self.plane
-            each = len(self.legs) * len(over.axes) * len(over.stations) * len(over.levels)
-            steps += self.cycles * each
+            plane_steps = len(self.legs) * len(over.axes) * len(over.stations) * len(over.levels)
+            steps += self.cycles * plane_steps
         if steps > MOST_STEPS:
             raise ValueError(f"{steps} steps; up to {MOST_STEPS} can be measured")
         if len(set(self.legs)) < len(self.legs) or len(set(self.stations)) < len(self.stations):
@@ -375,7 +375,7 @@ class Procedure(Document):
         line = line_of(read_text(path, WHAT), key)
         return f"procedure file {path}" + (f", line {line}" if line else "")
 
-    def read_in_place(self, geometry: Geometry) -> int:
+    def repeats_in_place(self, geometry: Geometry) -> int:
         """How many steps repeat a posture without leaving it; they show the indicator only."""
         steps = self.steps(geometry)
         return sum(

@@ -279,11 +279,11 @@ def parse_line(path: Path, number: int, line: bytes, form: RecordForm | None = N
         plain = json.loads(line)
     except (ValueError, RecursionError) as problem:
         next_step = "Is it a session? glidecal import converts a table." if number == 1 else ""
-        raise RecordError(subject, _shown(line), "one JSON event", next_step) from problem
+        raise RecordError(subject, _excerpt(line), "one JSON event", next_step) from problem
     if isinstance(plain, dict):
         _check_not_newer(path, plain, form)
     if not isinstance(plain, dict) or "event" not in plain:
-        raise RecordError(subject, _shown(line), f"an event of schema {form.schema}")
+        raise RecordError(subject, _excerpt(line), f"an event of schema {form.schema}")
     if number == 1:
         _check_schema(path, plain, form)
         with suppress(ValidationError):
@@ -369,15 +369,15 @@ def _check_chain(path: Path, number: int, lines: list[bytes], digest: str, event
     line = lines[number - 1]
     if event.seal or isinstance(event, Closed):
         unsealed = line.replace(f'"seal":"{event.seal}"'.encode(), b'"seal":""', 1)
-        own_fits = event.seal == digest_of(unsealed)
-        fits = own_fits and event.previous == digest
+        seal_fits = event.seal == digest_of(unsealed)
+        fits = seal_fits and event.previous == digest
     else:  # of an older program: the line after it tells
         fits = event.previous == digest
         following = lines[number] if number < len(lines) else b""
-        own_fits = fits or f'"previous":"{digest_of(line)}"'.encode() in following
+        seal_fits = fits or f'"previous":"{digest_of(line)}"'.encode() in following
     if not fits:
         raise RecordError(
-            f"session {path}, line {number - 1 if own_fits and number > 1 else number}",
+            f"session {path}, line {number - 1 if seal_fits and number > 1 else number}",
             "a content that does not fit its digest: it was changed",
             "an unaltered record",
             "Use an unaltered copy.",
@@ -414,6 +414,6 @@ def _check_schema(path: Path, first: dict[str, object], form: RecordForm) -> Non
         )
 
 
-def _shown(line: bytes) -> str:
+def _excerpt(line: bytes) -> str:
     text = line[:60].decode("utf-8", errors="replace")
     return repr(text) + ("…" if len(line) > 60 else "")

@@ -418,7 +418,7 @@ class Session(Tabled):
         leg, station, axes = step.place
         return last is None or last.place != (leg, station, set(axes))
 
-    def was_read(self, step: Step) -> bool:
+    def has_readings_at(self, step: Step) -> bool:
         """Whether any reading that counts was taken where the stand is for a step."""
         leg, station, _ = step.place
         return any((r.leg, r.set_up[2]) == (leg, station) for r in self.readings)
@@ -445,7 +445,7 @@ class Session(Tabled):
                 axes.setdefault(reading.step, set()).add(reading.axis)
         step_axes = {step.number: set(step.axes) for step in self.steps()}
         return frozenset(
-            n for n, axes_read in axes.items() if axes_read >= step_axes.get(n, set("?"))
+            n for n, reading_axes in axes.items() if reading_axes >= step_axes.get(n, set("?"))
         )
 
     def next_step(self) -> Step | None:
@@ -524,8 +524,8 @@ class Session(Tabled):
 
 def fold(events: Iterable[Event]) -> Session:
     """The state after these events; the first one must be `Opened`."""
-    every = tuple(events)
-    opened = every[0]
+    sequence = tuple(events)
+    opened = sequence[0]
     assert isinstance(opened, Opened)
     readings: list[Reading] = []
     superseded: dict[int, str] = {}
@@ -536,7 +536,7 @@ def fold(events: Iterable[Event]) -> Session:
     changes: list[Changed] = []
     distances: list[Distance] = []
     stand_untouched = True
-    for event in every:
+    for event in sequence:
         if isinstance(event, Reading):
             readings.append(event)
         elif isinstance(event, Distance):
@@ -573,7 +573,7 @@ def fold(events: Iterable[Event]) -> Session:
         tuple(notes),
         tuple(changes),
         tuple(distances),
-        closed=isinstance(every[-1], Closed),
+        closed=isinstance(sequence[-1], Closed),
     )
 
 

@@ -103,7 +103,7 @@ def commands(texts: Texts, *codes: str) -> Iterator[CodeLine]:
             yield CodeLine(path, number, plain, match[1], words)
 
 
-def steps_held(texts: Texts) -> Triple | None:
+def motor_steps(texts: Texts) -> Triple | None:
     """Steps per mm of the motors of towers X, Y, Z: the last of M92; None without one for each.
 
     Raises RecordError for one that is no number above 0.

@@ -20,12 +20,12 @@ from calib.errors import RecordError, UnreachablePosture
 from calib.tripod import UPRIGHT_TOWERS
 from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.distance_table import Measured
-from protocols.documents import MOST_WRITTEN_BYTES, Triple
+from protocols.documents import MOST_EDITED_BYTES, Triple
 from protocols.printers.gcode import WHOLE, Texts, read_printed
 from protocols.printers.tower_printer import (
     OFF_PLATE_MM,
     Contact,
-    Held,
+    FileContent,
     Pair,
     TowerPrinter,
 )
@@ -53,7 +53,7 @@ ANSWER = re.compile(r"\bprobe:? at ")
 SENT_SAVE = re.compile(r"(?:[\W\d]|[AP]M\b|Send:)*SAVE_CONFIG\s*$")
 """The command, as hosts repeat it."""
 OF_CALIBRATION = re.compile(r"(manual_height|height|distance)(\d+)(_pos[12]?)?$")
-KNOWN = {"radius", "horizontal_move_z", "speed", "points"}
+SETTING_KEYS = {"radius", "horizontal_move_z", "speed", "points"}
 """Keys of ``[delta_calibrate]`` that are no measurement."""
 
 
@@ -87,7 +87,7 @@ class Config:
     def read(cls, path: Path) -> Config:
         """Raises RecordError naming the file and what cannot be read of it."""
         config = cls(path)
-        plain, _, saved = read_printed(path, WHAT, MOST_WRITTEN_BYTES).partition(SAVED_HEADER)
+        plain, _, saved = read_printed(path, WHAT, MOST_EDITED_BYTES).partition(SAVED_HEADER)
         config._add(path, plain, [path.resolve()])
         lines = saved.splitlines()
         strange = [line for line in lines if line.strip() and not line.startswith(SAVED)]
@@ -137,7 +137,7 @@ class Config:
             if resolved in inside or self.included > MOST_INCLUDES:
                 allowed = f"no file inside itself, {MOST_INCLUDES} files together"
                 raise RecordError(f"{WHAT} {path}", f"[include {name}]", allowed)
-            self._add(target, read_printed(target, WHAT, MOST_WRITTEN_BYTES), [*inside, resolved])
+            self._add(target, read_printed(target, WHAT, MOST_EDITED_BYTES), [*inside, resolved])
 
     def _parse(
         self, path: Path, text: str, parser: configparser.RawConfigParser | None = None
@@ -187,14 +187,14 @@ class Config:
 WHAT = "printer configuration"
 
 
-def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
+def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
     """Geometry and contacts of one ``printer.cfg`` and logs of PROBE. Raises RecordError."""
     paths = [path for path, text in texts if is_config(text)]
     if len(paths) > 1:
         names = ", ".join(map(str, paths))
         raise RecordError(WHAT, names, "one printer.cfg; it includes the others")
     config = Config.read(paths[0]) if paths else None
-    of_config = _held_in(paths[0], config) if config else Held(None, ())
+    of_config = _content_of_config(paths[0], config) if config else FileContent(None, ())
     contacts, odd = [*of_config.contacts], [*of_config.odd]
     for path, text in texts:
         if path not in paths:
@@ -205,7 +205,7 @@ def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
     return replace(of_config, contacts=tuple(contacts), odd=tuple(odd))
 
 
-def _held_in(path: Path, config: Config) -> Held:
+def _content_of_config(path: Path, config: Config) -> FileContent:
     """What a ``printer.cfg`` holds. Raises RecordError for a machine without upright towers."""
     kinematics = config.text("printer", "kinematics") or "nothing"
     if kinematics != UPRIGHT_TOWERS:
@@ -219,7 +219,7 @@ def _held_in(path: Path, config: Config) -> Held:
     odd = [*config.odd]
     contacts, distances = _measured(config, printer, step_mm, odd)
     x_offset, y_offset, _ = _probe_offset_mm(config)
-    return Held(printer, contacts, tuple(odd), distances, (x_offset, y_offset))
+    return FileContent(printer, contacts, tuple(odd), distances, (x_offset, y_offset))
 
 
 def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Triple]:
@@ -297,7 +297,7 @@ def _measured(
         keys_of_contacts |= {key, f"{key}_pos1", f"{key}_pos2"}
         distances.append(_distance(config, printer, step_mm, key))
     for key in keys:
-        if key not in keys_of_contacts and key not in KNOWN:
+        if key not in keys_of_contacts and key not in SETTING_KEYS:
             match = OF_CALIBRATION.match(key)
             why = "a number before it is missing" if match else "not known"
             odd.append(f"[{CALIBRATION}] {key}: {why}")

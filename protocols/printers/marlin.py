@@ -21,8 +21,8 @@ from operator import itemgetter
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.documents import Triple
-from protocols.printers.gcode import NUMBER, PREFIX, WHOLE, Texts, commands, lines, steps_held
-from protocols.printers.tower_printer import Contact, Held, Pair, TowerPrinter
+from protocols.printers.gcode import NUMBER, PREFIX, WHOLE, Texts, commands, lines, motor_steps
+from protocols.printers.tower_printer import Contact, FileContent, Pair, TowerPrinter
 
 ANSWER = re.compile(rf"Bed X: ({NUMBER}) Y: ({NUMBER}) Z: ({NUMBER}){WHOLE}")
 TOWERS, TRIMS = "XYZ", "ABC"
@@ -41,14 +41,14 @@ HEIGHT = re.compile(rf"\b(c|x|y|z|yz|zx|xy): ?({NUMBER})")
 MIDDLE = "c"
 AT_DEG = {"x": 210.0, "y": 330.0, "z": 90.0, "yz": 30.0, "zx": 150.0, "xy": 270.0}
 """Where G33 measures the heights of its table, from x anticlockwise: towers as they should be."""
-ONE_PLACE_EACH = {
+SINGLE_PLACES = {
     frozenset({MIDDLE}): "1",
     frozenset({MIDDLE, "x", "y", "z"}): "2",
     frozenset({MIDDLE, "yz", "zx", "xy"}): "2",
     frozenset({MIDDLE, *AT_DEG}): "3",
 }
 """The P for which a table with these heights has them of one place each."""
-AGAIN = "send G33 P3 V0 and save what was sent and answered"
+REPEAT_ADVICE = "send G33 P3 V0 and save what was sent and answered"
 
 
 def is_mine(text: str) -> bool:
@@ -56,7 +56,7 @@ def is_mine(text: str) -> bool:
     return MINE.search(text) is not None
 
 
-def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
+def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
     """Geometry and contacts of these files together. Raises RecordError."""
     for line in commands(texts, "G20"):
         raise RecordError(
@@ -72,15 +72,15 @@ def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
     for line in commands(texts, "M851"):
         offset |= {letter: line.value(letter, offset[letter]) for letter in TOWERS}
         letters |= line.words.keys()
-    is_known = {"X", "Y"} <= letters or any(beside_mm)
-    if not is_known and any(ANSWER.search(text) for _, text in texts):
+    has_offset = {"X", "Y"} <= letters or any(beside_mm)
+    if not has_offset and any(ANSWER.search(text) for _, text in texts):
         odd.append(
             "the probe's offset in X and Y, which no M851 shows here: places of G30 are taken as "
             "the tool's, add a line M851 X Y if the probe is beside it"
         )
     contacts = _contacts(texts, (offset["X"], offset["Y"], offset["Z"]), odd)
     beside_mm = offset["X"], offset["Y"]
-    return Held(printer, tuple(contacts), tuple(odd), beside_mm=beside_mm)
+    return FileContent(printer, tuple(contacts), tuple(odd), beside_mm=beside_mm)
 
 
 @dataclass
@@ -88,31 +88,31 @@ class HeightTable:
     """What one run of G33 shows: where, after which command, at which radius, heights by name."""
 
     where: str
-    asked: str | None
+    command: str | None
     radius_mm: float | None
     calibrates: bool
     heights_mm: dict[str, float] = field(default_factory=dict)
 
     def why_not(self) -> str | None:
         """Why these heights are no contacts, and what to do; None: they are."""
-        one_each = ONE_PLACE_EACH.get(frozenset(self.heights_mm))
-        places = re.search(r"P\s*(\d+)", self.asked or "")
+        single_p = SINGLE_PLACES.get(frozenset(self.heights_mm))
+        places = re.search(r"P\s*(\d+)", self.command or "")
         if self.calibrates:
-            return f"it changes what is held while it measures; {AGAIN}"
-        if one_each is None:
-            return f"heights are missing; {AGAIN}"
+            return f"it changes what is held while it measures; {REPEAT_ADVICE}"
+        if single_p is None:
+            return f"heights are missing; {REPEAT_ADVICE}"
         if self.radius_mm is None:
             return "this version does not show its radius; probe places: glidecal plan --macro"
-        if places is None and one_each == "3":
-            return f"sent with which P? From P4 on heights are means of far places; {AGAIN}"
-        if places is not None and places[1] != one_each:
-            return f"with P{places[1]} heights are means of far places; {AGAIN}"
+        if places is None and single_p == "3":
+            return f"sent with which P? From P4 on heights are means of far places; {REPEAT_ADVICE}"
+        if places is not None and places[1] != single_p:
+            return f"with P{places[1]} heights are means of far places; {REPEAT_ADVICE}"
         return None
 
     def contacts(self, beside_mm: Triple) -> Iterator[Contact]:
         """The heights as contacts, of a probe beside the tool; with O that goes to the places."""
         x_beside, y_beside, z_beside = beside_mm
-        if "O" not in (self.asked or ""):
+        if "O" not in (self.command or ""):
             x_beside = y_beside = 0.0
         for name, height_mm in self.heights_mm.items():
             radius_mm = 0.0 if name == MIDDLE else self.radius_mm or 0.0
@@ -145,11 +145,11 @@ def _contacts(texts: Texts, beside_mm: Triple, odd: list[str]) -> list[Contact]:
         else:
             contacts += [(number, contact) for contact in table.contacts(beside_mm)]
     contacts.sort(key=itemgetter(0))
-    read_at = max(
+    geometry_line = max(
         (n for n, (_, text) in enumerate(all_lines) if re.match(r"M665\b.*L", text)), default=0
     )
     calibrated = [number for number, table in tables if table.calibrates]
-    since = [[n for n in calibrated if (n < at) != (n < read_at)] for at, _ in contacts]
+    since = [[n for n in calibrated if (n < at) != (n < geometry_line)] for at, _ in contacts]
     if before := sum(map(bool, since)):
         odd.append(f"{before} contacts: G33 calibrated between them and the M665 that is read")
     return [contact for (_, contact), runs in zip(contacts, since, strict=True) if not runs]
@@ -223,5 +223,5 @@ def _printer(texts: Texts, odd: list[str]) -> TowerPrinter | None:
         (words["R"],) * 3,
         (x, y, z),
         (a, b, c),
-        steps_per_mm=steps_held(texts),
+        steps_per_mm=motor_steps(texts),
     )

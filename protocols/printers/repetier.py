@@ -13,7 +13,7 @@ import re
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.printers.gcode import NUMBER, WHOLE, Texts, lines
-from protocols.printers.tower_printer import Contact, Held, Pair, TowerPrinter
+from protocols.printers.tower_printer import Contact, FileContent, Pair, TowerPrinter
 
 STORED = re.compile(rf"EPR:\d+ (\d+) ({NUMBER}) ")
 ANSWER = re.compile(rf"Z-probe: ?({NUMBER}) X: ?({NUMBER}) Y: ?({NUMBER}){WHOLE}")
@@ -34,7 +34,7 @@ def is_mine(text: str) -> bool:
     return re.search(r"\bEPR:\d+ \d+ |Z-probe: ?[-\d]", text) is not None
 
 
-def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
+def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
     """Geometry and contacts of these files together. Raises RecordError."""
     x_beside, y_beside = beside_mm
     stored: dict[int, float] = {}
@@ -51,7 +51,9 @@ def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
             odd.append(f"{where}: {text!r}: no place of a probe")
     if any(stored.get(place) for place in BESIDE) and not any(beside_mm):
         odd.append("the probe's offset in X and Y: places are taken as the tool's")
-    return Held(_printer(texts, stored, first), tuple(contacts), tuple(odd), beside_mm=beside_mm)
+    return FileContent(
+        _printer(texts, stored, first), tuple(contacts), tuple(odd), beside_mm=beside_mm
+    )
 
 
 def _printer(texts: Texts, stored: dict[int, float], first: str) -> TowerPrinter | None:

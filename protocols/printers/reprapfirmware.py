@@ -12,15 +12,15 @@ from collections.abc import Iterator, Sequence
 
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
-from protocols.printers.gcode import NUMBER, CodeLine, Texts, commands, lines, steps_held
-from protocols.printers.tower_printer import Contact, Held, Pair, TowerPrinter
+from protocols.printers.gcode import NUMBER, CodeLine, Texts, commands, lines, motor_steps
+from protocols.printers.tower_printer import Contact, FileContent, Pair, TowerPrinter
 
 FAR_MM = -9999.0
 """From this Z on down ``G30 P`` probes; above it a person states the height. Without a Z it is that
 where the tool is (GCodes.cpp, ``ExecuteG30``). The answer has stated heights, too."""
 
 ANSWER = re.compile(r"G32 bed probe heights:(.*?)(?:, mean .*)?$", re.MULTILINE)
-HELD = re.compile(
+GEOMETRY = re.compile(
     r"Diagonals? ([\d.:]+), \w+ radius (\d+(?:\.\d+)?), homed height (\d+(?:\.\d+)?)"
     r", bed radius (\d+(?:\.\d+)?)"
     r", X (-?\d+(?:\.\d+)?)[^XYZ]+Y (-?\d+(?:\.\d+)?)[^XYZ]+Z (-?\d+(?:\.\d+)?)"
@@ -54,12 +54,12 @@ Answers = list[tuple[str, str]]
 
 def is_mine(text: str) -> bool:
     """Whether a text has a line that only this firmware has."""
-    if ANSWER.search(text) or HELD.search(text):
+    if ANSWER.search(text) or GEOMETRY.search(text):
         return True
     return MINE.search(text) is not None
 
 
-def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
+def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
     """Geometry and contacts of these files together. Raises RecordError."""
     odd: list[str] = []
     texts = _as_started(_with_numbers(_in_order(texts)), odd)
@@ -81,7 +81,7 @@ def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
         place = (x, y, height + offset["Z"] + raised)
         contacts.append(Contact(place, f"{height:.3f} of {where}", offset["Z"], 0.001))
     beside_mm = (offset["X"], offset["Y"])
-    return Held(printer, tuple(contacts), tuple(odd), beside_mm=beside_mm)
+    return FileContent(printer, tuple(contacts), tuple(odd), beside_mm=beside_mm)
 
 
 def _in_order(texts: Texts) -> Texts:
@@ -118,8 +118,8 @@ def _with_numbers(texts: Texts) -> Texts:
             values.setdefault(name, set()).add(number)
 
     def number_of(match: re.Match[str]) -> str:
-        (number, *others) = values.get(match[1], {""})
-        return match[0] if others or not number else number
+        (number, *further) = values.get(match[1], {""})
+        return match[0] if further or not number else number
 
     return [(path, GLOBAL.sub(number_of, text)) for path, text in texts]
 
@@ -156,7 +156,7 @@ def _printer(texts: Texts, answers: Answers) -> TowerPrinter | None:
         else:
             adjusted |= {tower: line.value(tower, adjusted[tower]) for tower in TOWERS}
     for where, text in answers:
-        if answer := HELD.search(text):
+        if answer := GEOMETRY.search(text):
             lengths, *figures = answer.groups()
             words |= {"L": tuple(map(float, lengths.strip(":").split(":")))}
             words |= {letter: (float(v),) for letter, v in zip("RHBXYZ", figures, strict=True)}
@@ -194,7 +194,7 @@ def _printer(texts: Texts, answers: Answers) -> TowerPrinter | None:
         (x, y, z),
         (a, b, c),
         words["B"][0] if words.get("B") else None,
-        steps_per_mm=steps_held(texts),
+        steps_per_mm=motor_steps(texts),
     )
 
 
@@ -266,7 +266,7 @@ def _groups(texts: Texts) -> list[dict[float, CodeLine]]:
             now = {}
     if now:
         groups.append(now)
-    answered = [
+    reported_groups = [
         group for group in groups if all(line.value("S", -1.0) < 0.0 for line in group.values())
     ]
-    return answered or groups
+    return reported_groups or groups

@@ -54,7 +54,7 @@ class Contact:
 
 
 @dataclass(frozen=True)
-class Held:
+class FileContent:
     """What the files of a printer hold: its geometry if they have it, contacts, and odd lines.
 
     ``distances`` are those between marks of a printed object. ``beside_mm`` is where the probe is

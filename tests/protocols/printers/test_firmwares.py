@@ -588,7 +588,7 @@ ALPHABET = "GM0356 XYZLRHPSB.:-+;echoBdprbiagnlsEPRxyz\n"
 def test_whatever_a_log_holds_is_read_or_refused_in_a_sentence(text: str, which: int) -> None:
     dialect = (reprapfirmware, marlin, repetier)[which]
     try:
-        values = dialect.held([(Path("a.g"), BEGUN[which] + text)])
+        values = dialect.content([(Path("a.g"), BEGUN[which] + text)])
     except RecordError:
         return
     for contact in values.contacts:

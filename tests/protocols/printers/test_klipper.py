@@ -429,7 +429,7 @@ def test_whatever_stands_below_a_config_is_read_or_refused_in_a_sentence(text: s
         path = Path(folder, "printer.cfg")
         path.write_text(PRINTER + steppers() + text, encoding="utf-8")
         try:
-            values = klipper.held([(path, path.read_text(encoding="utf-8"))])
+            values = klipper.content([(path, path.read_text(encoding="utf-8"))])
         except RecordError:
             return
         for contact in values.contacts:

@@ -58,7 +58,7 @@ class CodeLine:
     words: dict[str, tuple[float, ...]]
 
     @property
-    def where(self) -> str:
+    def source(self) -> str:
         """File and line, for messages."""
         return f"{self.path.name}, line {self.number}"
 
@@ -72,7 +72,7 @@ class CodeLine:
             return usual
         if len(numbers) != 1 or not math.isfinite(numbers[0]):
             raise RecordError(
-                f"file of a printer {self.where}", repr(self.text), f"{letter} and a number"
+                f"file of a printer {self.source}", repr(self.text), f"{letter} and a number"
             )
         return numbers[0]
 
@@ -114,7 +114,7 @@ def motor_steps(texts: Texts) -> Triple | None:
             steps[tower] = line.value(tower)
             if not steps[tower] > 0.0:
                 raise RecordError(
-                    f"file of a printer {line.where}", repr(line.text), "steps per mm above 0"
+                    f"file of a printer {line.source}", repr(line.text), "steps per mm above 0"
                 )
     return (steps["X"], steps["Y"], steps["Z"]) if len(steps) == len("XYZ") else None
 

@@ -48,7 +48,7 @@ class ImportedPrinter:
     opened: Opened
     contacts: tuple[Reading, ...]
     machine_file: str | None
-    odd: tuple[str, ...]
+    oddities: tuple[str, ...]
     distances: tuple[Measured, ...] = ()
 
 
@@ -110,7 +110,8 @@ def imported_printer(
     if not content.contacts and not geometry_alone:
         raise RecordError(
             f"{WHAT} {paths[0]}",
-            "no contact with the plate" + "".join(f". Not used: {odd}" for odd in content.odd[:1]),
+            "no contact with the plate"
+            + "".join(f". Not used: {oddity}" for oddity in content.oddities[:1]),
             "heights that the firmware saved, or a log of its probe beside it",
             "Write the machine file now (--machine-file-out), with it the places to probe "
             "(glidecal plan --macro), run them, and name their log here, too.",
@@ -143,7 +144,7 @@ def imported_printer(
         resolution_mm=resolution_mm,
         repeatability_mm=repeatability_mm,
     )
-    unused = tuple(f"not used: {words}" for words in content.odd[:MOST_REMARKS])
+    unused = tuple(f"not used: {words}" for words in content.oddities[:MOST_REMARKS])
     opened = Opened(
         program=program,
         origin="imported",
@@ -152,7 +153,7 @@ def imported_printer(
         remarks=(*remarks, *unused),
     )
     return ImportedPrinter(
-        opened, _readings(content.contacts), text, content.odd, content.distances
+        opened, _readings(content.contacts), text, content.oddities, content.distances
     )
 
 
@@ -172,14 +173,14 @@ def _content(paths: Sequence[Path], beside_mm: Pair) -> FileContent:
     _refuse_twice(texts)
     recognised = [[dialect.is_mine(text) for _, text in texts] for dialect in DIALECTS]
     best = max(range(len(DIALECTS)), key=lambda k: sum(recognised[k]))
-    strange = [
+    strangers = [
         path
         for path, is_recognised in zip(paths, recognised[best], strict=True)
         if not is_recognised
     ]
-    if strange:
+    if strangers:
         raise RecordError(
-            f"{WHAT} {strange[0]}",
+            f"{WHAT} {strangers[0]}",
             "no geometry and no answer of a probe",
             "files of one printer: its configuration, a log of its probe",
             "They are printer.cfg and the answers of PROBE (Klipper), config.g and those of G32 "
@@ -212,10 +213,10 @@ def _check(files: str, contacts: Sequence[Contact], machine: Machine) -> None:
     for contact, off, reached in zip(contacts, off_mm.tolist(), reachable, strict=True):
         x, y, z = contact.place_mm
         if not reached or abs(off - usual_mm) > OFF_PLATE_MM:
-            why = f"{abs(off - usual_mm):.3g} mm off the others" if reached else "not reached"
+            reason = f"{abs(off - usual_mm):.3g} mm off the others" if reached else "not reached"
             raise RecordError(
                 f"{WHAT} {files}",
-                f"{contact.text[:LETTERS]}: the tool at ({x:.6g}, {y:.6g}, {z:.6g}) mm, {why}",
+                f"{contact.text[:LETTERS]}: the tool at ({x:.6g}, {y:.6g}, {z:.6g}) mm, {reason}",
                 allowed,
                 "Are these contacts of another geometry, or in another unit? Take out a place that "
                 "failed.",
@@ -235,13 +236,12 @@ def _check_neighbours(files: str, contacts: Sequence[Contact], off_mm: FloatArra
         steep = step_mm / np.maximum(apart_mm, BESIDE_MM)
         worst = int(steep.argmax())
         if steep[worst] > STEEPEST:
-            odd, beside = sorted(
-                (number, worst), key=lambda k: -abs(off_mm[k] - float(np.median(off_mm)))
-            )
+            pair = sorted((number, worst), key=lambda k: -abs(off_mm[k] - float(np.median(off_mm))))
+            text, neighbour = (contacts[k].text[:LETTERS] for k in pair)
             raise RecordError(
                 f"{WHAT} {files}",
-                f"{contacts[odd].text[:LETTERS]}: {step_mm[worst]:.3g} mm off a contact that is "
-                f"{apart_mm[worst]:.3g} mm beside it, {contacts[beside].text[:LETTERS]}",
+                f"{text}: {step_mm[worst]:.3g} mm off a contact that is "
+                f"{apart_mm[worst]:.3g} mm beside it, {neighbour}",
                 "contacts with one plate, with the values that the configuration has now",
                 "Were values changed between these contacts? Probe again, or take out the line of "
                 "a contact that is wrong.",

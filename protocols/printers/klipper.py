@@ -80,7 +80,7 @@ class Config:
 
     path: Path
     parser: configparser.RawConfigParser = field(default_factory=_parser)
-    odd: list[str] = field(default_factory=list)
+    oddities: list[str] = field(default_factory=list)
     included: int = 0
 
     @classmethod
@@ -90,11 +90,11 @@ class Config:
         plain, _, saved = read_printed(path, WHAT, MOST_EDITED_BYTES).partition(SAVED_HEADER)
         config._add(path, plain, [path.resolve()])
         lines = saved.splitlines()
-        strange = [line for line in lines if line.strip() and not line.startswith(SAVED)]
-        if strange:
+        strangers = [line for line in lines if line.strip() and not line.startswith(SAVED)]
+        if strangers:
             raise RecordError(
                 f"{WHAT} {path}, below the SAVE_CONFIG line",
-                repr(strange[0]),
+                repr(strangers[0]),
                 "lines that begin with #*#, as Klipper wrote them",
                 "Klipper does not read this block either: remove the line.",
             )
@@ -130,7 +130,7 @@ class Config:
         except (ValueError, NotImplementedError):  # nothing, or from the root of the disk
             targets = []
         if not targets:
-            self.odd.append(f"[include {name}] of {path.name}: there is no such file")
+            self.oddities.append(f"[include {name}] of {path.name}: there is no such file")
         for target in targets:
             resolved = target.resolve()
             self.included += 1
@@ -149,9 +149,9 @@ class Config:
                 getattr(problem, "lineno", None)
                 or (getattr(problem, "errors", None) or [[0]])[0][0]
             )
-            where = f", near line {line}" if line else ""
+            place = f", near line {line}" if line else ""
             raise RecordError(
-                f"{WHAT} {path}{where}",
+                f"{WHAT} {path}{place}",
                 reason="no section or key, as Klipper has them",
                 next_step="Give the printer.cfg that the printer starts with.",
             ) from problem
@@ -195,14 +195,14 @@ def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
         raise RecordError(WHAT, names, "one printer.cfg; it includes the others")
     config = Config.read(paths[0]) if paths else None
     of_config = _content_of_config(paths[0], config) if config else FileContent(None, ())
-    contacts, odd = [*of_config.contacts], [*of_config.odd]
+    contacts, oddities = [*of_config.contacts], [*of_config.oddities]
     for path, text in texts:
         if path not in paths:
             offset_mm = _probe_offset_mm(config) if config else (*beside_mm, 0.0)
-            more, strange = _probed(text, offset_mm, path.name)
-            contacts += more
-            odd += strange
-    return replace(of_config, contacts=tuple(contacts), odd=tuple(odd))
+            log_contacts, log_oddities = _probed(text, offset_mm, path.name)
+            contacts += log_contacts
+            oddities += log_oddities
+    return replace(of_config, contacts=tuple(contacts), oddities=tuple(oddities))
 
 
 def _content_of_config(path: Path, config: Config) -> FileContent:
@@ -216,10 +216,10 @@ def _content_of_config(path: Path, config: Config) -> FileContent:
             "Other printers are not calibrated here.",
         )
     printer, step_mm = _printer(path, config)
-    odd = [*config.odd]
-    contacts, distances = _measured(config, printer, step_mm, odd)
+    oddities = [*config.oddities]
+    contacts, distances = _measured(config, printer, step_mm, oddities)
     x_offset, y_offset, _ = _probe_offset_mm(config)
-    return FileContent(printer, contacts, tuple(odd), distances, (x_offset, y_offset))
+    return FileContent(printer, contacts, tuple(oddities), distances, (x_offset, y_offset))
 
 
 def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Triple]:
@@ -283,9 +283,9 @@ def _steps_a_turn(config: Config, stepper: str) -> float:
 
 
 def _measured(
-    config: Config, printer: TowerPrinter, step_mm: Triple, odd: list[str]
+    config: Config, printer: TowerPrinter, step_mm: Triple, oddities: list[str]
 ) -> tuple[tuple[Contact, ...], tuple[Measured, ...]]:
-    """Contacts and distances of the saved block; what is not used of it goes to ``odd``."""
+    """Contacts and distances of the saved block; what is not used of it goes to ``oddities``."""
     keys = config.keys(CALIBRATION)
     keys_of_contacts: set[str] = set()
     contacts, distances = [], []
@@ -299,22 +299,22 @@ def _measured(
     for key in keys:
         if key not in keys_of_contacts and key not in SETTING_KEYS:
             match = OF_CALIBRATION.match(key)
-            why = "a number before it is missing" if match else "not known"
-            odd.append(f"[{CALIBRATION}] {key}: {why}")
+            reason = "a number before it is missing" if match else "not known"
+            oddities.append(f"[{CALIBRATION}] {key}: {reason}")
     return tuple(contacts), tuple(distances)
 
 
-def _numbered(config: Config, name: str, more: Sequence[str]) -> Iterator[str]:
+def _numbered(config: Config, name: str, endings: Sequence[str]) -> Iterator[str]:
     """Keys of that name from 0 up to the first that is missing, where Klipper stops, too.
 
-    Raises RecordError where one has no steps ``more`` beside it.
+    Raises RecordError where one has no steps ``endings`` beside it.
     """
     keys = config.keys(CALIBRATION)
     for number in range(MOST_HEIGHTS):
         key = f"{name}{number}"
         if key not in keys:
             break
-        for end in more:
+        for end in endings:
             if key + end not in keys:
                 raise RecordError(
                     f"{WHAT} {config.path}, [{CALIBRATION}] {key}{end}",
@@ -342,38 +342,38 @@ def _distance(config: Config, printer: TowerPrinter, step_mm: Triple, key: str) 
     ends = [f"{key}_pos{end}" for end in (1, 2)]
     first, second = (_place(config, printer, step_mm, end, 0.0) for end in ends)
     steps = ", ".join(f"{end}: {config.text(CALIBRATION, end)}" for end in ends)
-    where = f"{WHAT} {config.path}, [{CALIBRATION}] {key}"
-    return Measured(first, second, value_mm, f"{key}: {value_mm:g}, {steps}", where)
+    subject = f"{WHAT} {config.path}, [{CALIBRATION}] {key}"
+    return Measured(first, second, value_mm, f"{key}: {value_mm:g}, {steps}", subject)
 
 
 def _place(
     config: Config, printer: TowerPrinter, step_mm: Triple, key: str, height_mm: float
 ) -> Triple:
     """Where these steps lead to. Raises RecordError further than so much from the height."""
-    where = f"{WHAT} {config.path}, [{CALIBRATION}] {key}"
+    subject = f"{WHAT} {config.path}, [{CALIBRATION}] {key}"
     text = config.text(CALIBRATION, key) or ""
     try:
         steps = np.array([float(part) for part in text.split(",")])
     except ValueError:
         steps = np.array([math.nan])
     if steps.shape != (3,) or not np.isfinite(steps).all():
-        raise RecordError(where, repr(text), "three numbers of steps, of a, b and c")
+        raise RecordError(subject, repr(text), "three numbers of steps, of a, b and c")
     carriages = printer.switches_mm - steps * np.array(step_mm)
     try:
         x, y, z = printer.tool_mm(carriages)
     except UnreachablePosture as problem:
-        raise _elsewhere(where, text, "the bars do not meet there") from problem
+        raise _elsewhere(subject, text, "the bars do not meet there") from problem
     place_mm = round(x, PLACES) + 0.0, round(y, PLACES) + 0.0, round(z, PLACES) + 0.0
     if abs(z - height_mm) > OFF_PLATE_MM:
         at = ", ".join(f"{value:z.1f}" for value in place_mm)
-        raise _elsewhere(where, text, f"the tool at ({at}) mm")
+        raise _elsewhere(subject, text, f"the tool at ({at}) mm")
     return place_mm
 
 
-def _elsewhere(where: str, text: str, why: str) -> RecordError:
+def _elsewhere(subject: str, text: str, reason: str) -> RecordError:
     return RecordError(
-        where,
-        f"{text}: {why}",
+        subject,
+        f"{text}: {reason}",
         f"a place within {OFF_PLATE_MM:g} mm of the plate",
         "These contacts are of another geometry: endstops, arms or steps changed since. Run "
         "DELTA_CALIBRATE again, save, and import that.",
@@ -396,11 +396,11 @@ def _probed(text: str, offset_mm: Triple, name: str) -> tuple[list[Contact], lis
     """
     x_offset, y_offset, z_offset = offset_mm
     contacts: list[Contact] = []
-    odd: list[str] = []
+    oddities: list[str] = []
     for number, line in enumerate(text.splitlines(), start=1):
         if SENT_SAVE.match(line):
             if contacts:
-                odd.append(
+                oddities.append(
                     f"{len(contacts)} contacts before SAVE_CONFIG in line {number} of {name}: they "
                     "may be of other values"
                 )
@@ -413,5 +413,5 @@ def _probed(text: str, offset_mm: Triple, name: str) -> tuple[list[Contact], lis
             x, y, z = (float(part) for part in match.groups())
             contacts.append(Contact((x, y, z), match[0], z_offset))
         elif ANSWER.search(line):
-            odd.append(f"{name}, line {number}: {line.strip()!r}: no place of PROBE")
-    return contacts, odd
+            oddities.append(f"{name}, line {number}: {line.strip()!r}: no place of PROBE")
+    return contacts, oddities

@@ -27,13 +27,13 @@ from protocols.printers.tower_printer import Contact, FileContent, Pair, TowerPr
 ANSWER = re.compile(rf"Bed X: ({NUMBER}) Y: ({NUMBER}) Z: ({NUMBER}){WHOLE}")
 TOWERS, TRIMS = "XYZ", "ABC"
 
-MINE = re.compile(
+SIGNS = re.compile(
     r"Bed X: |Checking\.\.\. AC|M665 (?=.*L)(?=.*\bS\d)"
     r"|M665 (?=[^;\n]*\bC-?\d)(?![^;\n]*\b[DE]-?\d)"
 )
 """S are segments, C a trim of a bar; of Smoothieware, which has D and E, it is a radius."""
 
-SENT = re.compile(r"\bG33\b(?! Auto)([^;*]*)")
+G33_COMMAND = re.compile(r"\bG33\b(?! Auto)([^;*]*)")
 """The command G33, as hosts repeat it."""
 BEGINS = re.compile(rf"Checking\.\.\. AC(?: at radius: ?({NUMBER}))?(.*)")
 HEIGHTS = re.compile(r"\. +(?:c|x|yz): ?[+-]?\d")
@@ -53,20 +53,20 @@ REPEAT_ADVICE = "send G33 P3 V0 and save what was sent and answered"
 
 def is_mine(text: str) -> bool:
     """Whether a text has a line that only this firmware has."""
-    return MINE.search(text) is not None
+    return SIGNS.search(text) is not None
 
 
 def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
     """Geometry and contacts of these files together. Raises RecordError."""
     for line in commands(texts, "G20"):
         raise RecordError(
-            f"file of a printer {line.where}",
+            f"file of a printer {line.source}",
             f"{line.text!r}: lengths in inches",
             "lengths in mm",
             "Send G21, then M503 and the places again.",
         )
-    odd: list[str] = []
-    printer = _printer(texts, odd)
+    oddities: list[str] = []
+    printer = _printer(texts, oddities)
     offset = dict(zip(TOWERS, (*beside_mm, 0.0), strict=True))
     letters: set[str] = set()
     for line in commands(texts, "M851"):
@@ -74,20 +74,20 @@ def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
         letters |= line.words.keys()
     has_offset = {"X", "Y"} <= letters or any(beside_mm)
     if not has_offset and any(ANSWER.search(text) for _, text in texts):
-        odd.append(
+        oddities.append(
             "the probe's offset in X and Y, which no M851 shows here: places of G30 are taken as "
             "the tool's, add a line M851 X Y if the probe is beside it"
         )
-    contacts = _contacts(texts, (offset["X"], offset["Y"], offset["Z"]), odd)
+    contacts = _contacts(texts, (offset["X"], offset["Y"], offset["Z"]), oddities)
     beside_mm = offset["X"], offset["Y"]
-    return FileContent(printer, tuple(contacts), tuple(odd), beside_mm=beside_mm)
+    return FileContent(printer, tuple(contacts), tuple(oddities), beside_mm=beside_mm)
 
 
 @dataclass
 class HeightTable:
     """What one run of G33 shows: where, after which command, at which radius, heights by name."""
 
-    where: str
+    source: str
     command: str | None
     radius_mm: float | None
     calibrates: bool
@@ -123,7 +123,7 @@ class HeightTable:
                 height_mm - z_beside,
             )
             yield Contact(
-                place_mm, f"{name}:{height_mm:+.2f} of {self.where}", 0.0 - z_beside, 0.01
+                place_mm, f"{name}:{height_mm:+.2f} of {self.source}", 0.0 - z_beside, 0.01
             )
 
 
@@ -131,17 +131,17 @@ Lines = list[tuple[str, str]]
 """Where each stands, and its text without what a host writes before it."""
 
 
-def _contacts(texts: Texts, beside_mm: Triple, odd: list[str]) -> list[Contact]:
+def _contacts(texts: Texts, beside_mm: Triple, oddities: list[str]) -> list[Contact]:
     """Contacts with the values that are read: once G33 has calibrated, others are held.
 
-    ``beside_mm`` is where the probe trips from the tool. What is not used goes to ``odd``.
+    ``beside_mm`` is where the probe trips from the tool. What is not used goes to ``oddities``.
     """
-    all_lines = [(where, PREFIX.sub("", text, count=1)) for where, text in lines(texts)]
-    contacts = list(_of_g30(all_lines, beside_mm, odd))
+    all_lines = [(source, PREFIX.sub("", text, count=1)) for source, text in lines(texts)]
+    contacts = list(_of_g30(all_lines, beside_mm, oddities))
     tables = _tables(all_lines)
     for number, table in tables:
-        if why := table.why_not():
-            odd.append(f"{table.where}: heights of G33: {why}")
+        if reason := table.why_not():
+            oddities.append(f"{table.source}: heights of G33: {reason}")
         else:
             contacts += [(number, contact) for contact in table.contacts(beside_mm)]
     contacts.sort(key=itemgetter(0))
@@ -149,37 +149,43 @@ def _contacts(texts: Texts, beside_mm: Triple, odd: list[str]) -> list[Contact]:
         (n for n, (_, text) in enumerate(all_lines) if re.match(r"M665\b.*L", text)), default=0
     )
     calibrated = [number for number, table in tables if table.calibrates]
-    since = [[n for n in calibrated if (n < at) != (n < geometry_line)] for at, _ in contacts]
-    if before := sum(map(bool, since)):
-        odd.append(f"{before} contacts: G33 calibrated between them and the M665 that is read")
-    return [contact for (_, contact), runs in zip(contacts, since, strict=True) if not runs]
+    calibrations = [
+        [n for n in calibrated if (n < at) != (n < geometry_line)] for at, _ in contacts
+    ]
+    if earlier_count := sum(map(bool, calibrations)):
+        oddities.append(
+            f"{earlier_count} contacts: G33 calibrated between them and the M665 that is read"
+        )
+    return [contact for (_, contact), runs in zip(contacts, calibrations, strict=True) if not runs]
 
 
-def _of_g30(all_lines: Lines, beside_mm: Triple, odd: list[str]) -> Iterator[tuple[int, Contact]]:
+def _of_g30(
+    all_lines: Lines, beside_mm: Triple, oddities: list[str]
+) -> Iterator[tuple[int, Contact]]:
     """Number of the line and contact of each answer."""
     x_beside, y_beside, z_beside = beside_mm
-    for number, (where, text) in enumerate(all_lines):
+    for number, (source, text) in enumerate(all_lines):
         if match := ANSWER.search(text):
             x, y, z = (float(part) for part in match.groups())
             decimals = len(match[3].partition(".")[2])
             place_mm = (x - x_beside, y - y_beside, z - z_beside)
             yield number, Contact(place_mm, match[0], 0.0 - z_beside, 10.0**-decimals)
         elif "Bed X" in text:
-            odd.append(f"{where}: {text!r}: no place of G30")
+            oddities.append(f"{source}: {text!r}: no place of G30")
 
 
 def _tables(all_lines: Lines) -> list[tuple[int, HeightTable]]:
     """Number of the line and table of each run of G33."""
     command: str | None = None
     tables: list[tuple[int, HeightTable]] = []
-    for number, (where, text) in enumerate(all_lines):
+    for number, (source, text) in enumerate(all_lines):
         if match := BEGINS.search(text):
             radius_mm = float(match[1]) if match[1] else None
             tables.append(
-                (number, HeightTable(where, command, radius_mm, "DRY-RUN" not in match[2]))
+                (number, HeightTable(source, command, radius_mm, "DRY-RUN" not in match[2]))
             )
             command = None
-        elif match := SENT.search(text):
+        elif match := G33_COMMAND.search(text):
             command = match[1]
         elif tables and HEIGHTS.match(text):
             heights_mm = {name: float(height) for name, height in HEIGHT.findall(text)}
@@ -187,19 +193,19 @@ def _tables(all_lines: Lines) -> list[tuple[int, HeightTable]]:
     return tables
 
 
-def _printer(texts: Texts, odd: list[str]) -> TowerPrinter | None:
+def _printer(texts: Texts, oddities: list[str]) -> TowerPrinter | None:
     words: dict[str, float] = {}
     adjusted = dict.fromkeys(TOWERS, 0.0)
     first = ""
     for line in commands(texts, "M665", "M666"):
         if line.command == "M665":
             words |= {letter: line.value(letter) for letter in line.words}
-            first = first or line.where
+            first = first or line.source
         else:
             adjusted |= {tower: line.value(tower, adjusted[tower]) for tower in TOWERS}
     for line in commands(texts, "M206"):
         if line.value("Z"):
-            odd.append(f"{line.where}: {line.text!r}: an offset that M206 adds")
+            oddities.append(f"{line.source}: {line.text!r}: an offset that M206 adds")
     if not first:
         return None
     missing = [letter for letter in "LRH" if letter not in words]

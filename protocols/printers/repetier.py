@@ -15,7 +15,7 @@ from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.printers.gcode import NUMBER, WHOLE, Texts, lines
 from protocols.printers.tower_printer import Contact, FileContent, Pair, TowerPrinter
 
-STORED = re.compile(rf"EPR:\d+ (\d+) ({NUMBER}) ")
+EEPROM_LINE = re.compile(rf"EPR:\d+ (\d+) ({NUMBER}) ")
 ANSWER = re.compile(rf"Z-probe: ?({NUMBER}) X: ?({NUMBER}) Y: ?({NUMBER}){WHOLE}")
 
 STEPS, HEIGHT, ROD, RADIUS, PRINTABLE = 11, 153, 881, 885, 925
@@ -38,21 +38,21 @@ def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
     """Geometry and contacts of these files together. Raises RecordError."""
     x_beside, y_beside = beside_mm
     stored: dict[int, float] = {}
-    odd: list[str] = []
+    oddities: list[str] = []
     contacts, first = [], ""
-    for where, text in lines(texts):
-        if match := STORED.search(text):
-            first = first or where
+    for source, text in lines(texts):
+        if match := EEPROM_LINE.search(text):
+            first = first or source
             stored[int(match[1])] = float(match[2])
         elif match := ANSWER.search(text):
             down, x, y = (float(part) for part in match.groups())
             contacts.append(Contact((x - x_beside, y - y_beside, 0.0 - down), match[0], 0.0, 0.001))
         elif "Z-probe:" in text:
-            odd.append(f"{where}: {text!r}: no place of a probe")
+            oddities.append(f"{source}: {text!r}: no place of a probe")
     if any(stored.get(place) for place in BESIDE) and not any(beside_mm):
-        odd.append("the probe's offset in X and Y: places are taken as the tool's")
+        oddities.append("the probe's offset in X and Y: places are taken as the tool's")
     return FileContent(
-        _printer(texts, stored, first), tuple(contacts), tuple(odd), beside_mm=beside_mm
+        _printer(texts, stored, first), tuple(contacts), tuple(oddities), beside_mm=beside_mm
     )
 
 

@@ -59,12 +59,12 @@ class FileContent:
 
     ``distances`` are those between marks of a printed object. ``beside_mm`` is where the probe is
     from the tool, in x and y.
-    ``odd`` names what looked like geometry or a contact and is not used, with the reason.
+    ``oddities`` names what looked like geometry or a contact and is not used, with the reason.
     """
 
     printer: TowerPrinter | None
     contacts: tuple[Contact, ...]
-    odd: tuple[str, ...] = ()
+    oddities: tuple[str, ...] = ()
     distances: tuple[Measured, ...] = ()
     beside_mm: Pair = (0.0, 0.0)
 
@@ -106,8 +106,8 @@ class TowerPrinter:
                     f"a radius above 0 and below {NEAR_REACH:g} of the bars' length",
                     "Are these bars and a radius, in mm?",
                 )
-        apart = [(a - b + 180.0) % 360.0 - 180.0 for a, b in combinations(self.angle_deg, 2)]
-        if min(map(abs, apart)) < LEAST_APART_DEG:
+        gaps_deg = [(a - b + 180.0) % 360.0 - 180.0 for a, b in combinations(self.angle_deg, 2)]
+        if min(map(abs, gaps_deg)) < LEAST_APART_DEG:
             raise RecordError(
                 self.thing,
                 f"towers at {', '.join(f'{angle:g}' for angle in self.angle_deg)}°",
@@ -154,8 +154,8 @@ class TowerPrinter:
     def joints(self) -> tuple[Literal["x"], Literal["y"], Literal["z"]] | None:
         """Drives of the firmware's towers, where their angles do not tell which is which."""
         places = zip(self.angle_deg, USUAL_ANGLES_DEG, strict=True)
-        apart = [abs((angle - usual + 180.0) % 360.0 - 180.0) for angle, usual in places]
-        return ("x", "y", "z") if max(apart) > FURTHEST_DEG else None
+        gaps_deg = [abs((angle - usual + 180.0) % 360.0 - 180.0) for angle, usual in places]
+        return ("x", "y", "z") if max(gaps_deg) > FURTHEST_DEG else None
 
     @property
     def stated_reach_mm(self) -> float | None:
@@ -181,12 +181,12 @@ class TowerPrinter:
         places = np.array([*corners, *edge, *(contact.place_mm for contact in contacts)])
         lowest = self._over_mm(places) + places[:, 2:] - self._raised_mm
         top = float(math.floor((self.switches_mm - over_corners).min() - 1.0))
-        alike = len(set(self.length_mm)) == 1
+        equal_bars = len(set(self.length_mm)) == 1
         up: Triple = (0.0, 0.0, 1.0)
         try:
             return Machine(
                 name=self.name,
-                leg_length_mm=self.length_mm[0] if alike else float(lengths.mean()),
+                leg_length_mm=self.length_mm[0] if equal_bars else float(lengths.mean()),
                 travel_max_mm=float(math.ceil(max(self.endstop_mm))),
                 travel_min_mm=float(math.floor(min(lowest.min(), 0.0) - CLEAR_MM)),
                 workspace_mm=((-half, -half, 0.0), (half, half, max(top, 1.0))),
@@ -211,9 +211,9 @@ class TowerPrinter:
                 steps_per_mm=self.steps_per_mm,
                 screw_lead_mm=self.turn_mm,
                 drive=(
-                    _drive(x[0], y[0], None if alike else self.length_mm[0], up),
-                    _drive(x[1], y[1], None if alike else self.length_mm[1], up),
-                    _drive(x[2], y[2], None if alike else self.length_mm[2], up),
+                    _drive(x[0], y[0], None if equal_bars else self.length_mm[0], up),
+                    _drive(x[1], y[1], None if equal_bars else self.length_mm[1], up),
+                    _drive(x[2], y[2], None if equal_bars else self.length_mm[2], up),
                 ),
             )
         except ValidationError as problem:

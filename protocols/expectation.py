@@ -91,9 +91,9 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReadi
         limit_mm
     )
     play_free = correlated.predict(movement_noises_mm, worn=False)
-    for together in _contradicted(correlated, readings, limit_mm):
-        restored_groups = [g for g in together if any(r.reading in session.restored for r in g)]
-        doubted = {r.reading for g in restored_groups or together for r in g}
+    for steps in _contradicted(correlated, readings, limit_mm):
+        restored = [g for g in steps if any(r.reading in session.restored for r in g)]
+        doubted = {r.reading for g in restored or steps for r in g}
         noises_mm[: len(readings)][[r.reading in doubted for r in readings]] = ZERO_MM
     worn = correlated.predict(noises_mm, worn=True)
     calibrated = session.opened.verifies is not None or any(machine.entered_offsets_mm)
@@ -137,26 +137,27 @@ def contradiction(
     if procedure is None:
         return None
     readings = session.readings[-MOST:]
-    now = last_readings[0]
+    latest = last_readings[0]
 
-    def again(group: Sequence[Reading]) -> bool:
-        return (group[0].posture_mm, group[0].station) == (now.posture_mm, now.station)
+    def is_repeat(group: Sequence[Reading]) -> bool:
+        return (group[0].posture_mm, group[0].station) == (latest.posture_mm, latest.station)
 
     ties = _contradicted(_correlated(session), readings, procedure.repeat_limit_mm)
-    tie = next((together for together in ties if any(now in group for group in together)), None)
-    alone = ties[0] if len(ties) == 1 and len(ties[0]) == 1 else None
-    if tie is None and alone is not None and again(alone[0]) and _is_here(alone[0], now):
-        return Contradiction(False, tuple(alone[0]), True)
+    tie = next((steps for steps in ties if any(latest in group for group in steps)), None)
+    single = ties[0] if len(ties) == 1 and len(ties[0]) == 1 else None
+    if tie is None and single is not None and is_repeat(single[0]) and _is_here(single[0], latest):
+        return Contradiction(False, tuple(single[0]), True)
     if not beyond:
         return None
-    here = [g for g in tie or () if now not in g and _is_here(g, now)]
-    here.sort(key=again, reverse=True)  # a repeat before others, else in their order
-    return Contradiction(True, tuple(here[0]) if here else (), bool(here) and again(here[0]))
+    candidates = [g for g in tie or () if latest not in g and _is_here(g, latest)]
+    candidates.sort(key=is_repeat, reverse=True)  # a repeat before others, else in their order
+    candidate = tuple(candidates[0]) if candidates else ()
+    return Contradiction(True, candidate, bool(candidate) and is_repeat(candidate))
 
 
-def _is_here(step: Sequence[Reading], now: Reading) -> bool:
+def _is_here(step: Sequence[Reading], latest: Reading) -> bool:
     """Whether a step was read where the stand is."""
-    return any(r.set_up == now.set_up for r in step)
+    return any(r.set_up == latest.set_up for r in step)
 
 
 def since_last_repeat(session: Session) -> tuple[Reading, ...]:
@@ -167,22 +168,22 @@ def since_last_repeat(session: Session) -> tuple[Reading, ...]:
     """
     procedure = session.opened.procedure
     mounts = set(session.mountings[-1].mounts.values()) if session.mountings else set()
-    here = [r for r in session.readings if r.mount in mounts]
-    steps = [[r for r in here if r.step == n] for n in dict.fromkeys(r.step for r in here)]
+    mounted = [r for r in session.readings if r.mount in mounts]
+    steps = [[r for r in mounted if r.step == n] for n in dict.fromkeys(r.step for r in mounted)]
     limit_mm = procedure.repeat_limit_mm if procedure else 0.0
     last_place = 0
     for k, latest in enumerate(steps):
-        if any(_repeats(latest, before, limit_mm) for before in steps[: min(last_place + 1, k)]):
+        if any(_repeats(latest, earlier, limit_mm) for earlier in steps[: min(last_place + 1, k)]):
             last_place = k
     return tuple(r for step in steps[last_place + 1 :] for r in step)
 
 
-def _repeats(latest: Sequence[Reading], before: Sequence[Reading], limit_mm: float) -> bool:
+def _repeats(latest: Sequence[Reading], earlier: Sequence[Reading], limit_mm: float) -> bool:
     """Whether two steps of one mounting show the same, but for a drift."""
-    if (latest[0].posture_mm, latest[0].station) != (before[0].posture_mm, before[0].station):
+    if (latest[0].posture_mm, latest[0].station) != (earlier[0].posture_mm, earlier[0].station):
         return False
-    drift_mm = DRIFT_MM_S * ((latest[0].time_s or 0.0) - (before[0].time_s or 0.0))
-    pairs = zip(latest, before, strict=False)
+    drift_mm = DRIFT_MM_S * ((latest[0].time_s or 0.0) - (earlier[0].time_s or 0.0))
+    pairs = zip(latest, earlier, strict=False)
     return all(abs(a.value_mm - b.value_mm) <= limit_mm + drift_mm for a, b in pairs)
 
 
@@ -193,8 +194,8 @@ def _contradicted(
     group = numbers_of([(r.step or 0, 0 if r.step else r.reading) for r in readings])
     noise_mm = max(LEAST_NOISE_MM, limit_mm / (math.sqrt(2.0) * REACH))  # of each of two repeats
     return [
-        [[r for r, g in zip(readings, group, strict=True) if g == k] for k in together]
-        for together in correlated.contradicted(group, noise_mm, limit_mm, REACH)
+        [[r for r, g in zip(readings, group, strict=True) if g == k] for k in steps]
+        for steps in correlated.contradicted(group, noise_mm, limit_mm, REACH)
     ]
 
 
@@ -204,8 +205,8 @@ def _correlated(
     """The latest readings that count, with those of a step at this time on these ``mounts``."""
     machine = session.opened.machine
     readings = session.readings[-MOST:]
-    due = [(step, axis) for axis in step.axes] if step else []
-    places: list[tuple[Reading | Step, str]] = [*((r, r.axis) for r in readings), *due]
+    places_due = [(step, axis) for axis in step.axes] if step else []
+    places: list[tuple[Reading | Step, str]] = [*((r, r.axis) for r in readings), *places_due]
     observations = conditions(
         [leg_number(place.leg) for place, _ in places],
         [leg_number(axis) for _, axis in places],
@@ -236,7 +237,7 @@ def _correlated(
 
 def movement(
     step: Step,
-    due: Sequence[ExpectedReading],
+    expectations: Sequence[ExpectedReading],
     values_mm: Sequence[float],
     rests_mm: Sequence[float],
     time_s: float,
@@ -245,17 +246,19 @@ def movement(
 
     ``rests_mm`` is how far each indicator's readings differ while nothing moves; drift comes to it.
     """
-    if not due:
+    if not expectations:
         return Movement.UNKNOWN
-    earlier = due[0].before
+    earlier = expectations[0].before
     if (earlier.posture_mm, earlier.station) == (step.posture_mm, step.station):
         return Movement.CONFIRMED
     drift_mm = DRIFT_MM_S * max(0.0, time_s - (earlier.time_s or 0.0))
     bands = [rest_mm + drift_mm for rest_mm in rests_mm]
     hidden = math.prod(
-        reading.chance_within(band) for reading, band in zip(due, bands, strict=True)
+        reading.chance_within(band) for reading, band in zip(expectations, bands, strict=True)
     )
-    changes = (abs(v - reading.before.value_mm) for v, reading in zip(values_mm, due, strict=True))
+    changes = (
+        abs(v - reading.before.value_mm) for v, reading in zip(values_mm, expectations, strict=True)
+    )
     if any(change > band for change, band in zip(changes, bands, strict=True)):
         return Movement.CONFIRMED if hidden < 0.5 else Movement.UNKNOWN
     return Movement.UNCHANGED if hidden < HIDDEN else Movement.UNKNOWN

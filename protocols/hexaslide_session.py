@@ -183,10 +183,10 @@ def typed_values(text: str, procedure: Procedure) -> tuple[SixMm | None, Values]
     words = text.split()
     units = "mm, angles in degrees" if set(procedure.measured) & set(ANGLES) else "mm"
     allowed = f"{len(names)} numbers: {', '.join(names)}, in {units}"
-    wrong = [word for word in words if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]
-    if wrong:
-        hint = "Write decimals with a point, spaces between." if "," in wrong[0] else ""
-        raise UsageError("the input", repr(wrong[0]), allowed, hint)
+    faults = [word for word in words if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]
+    if faults:
+        hint = "Write decimals with a point, spaces between." if "," in faults[0] else ""
+        raise UsageError("the input", repr(faults[0]), allowed, hint)
     if len(words) != len(names):
         raise UsageError("the input", f"{len(words)} numbers", allowed)
     numbers = tuple(float(word) for word in words)

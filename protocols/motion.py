@@ -97,9 +97,9 @@ def way_mm(
     elif previous is None:
         places = [goal - (machine.motion or MotionLimits()).preroll_mm * _along(step, geometry)]
     places.append(goal)
-    wrong = next((at for at in places if not geometry.stands(at[None])[0]), None)
-    if wrong is not None:
-        x, y, z = (round(float(mm), 3) for mm in wrong)
+    outside = next((at for at in places if not geometry.stands(at[None])[0]), None)
+    if outside is not None:
+        x, y, z = (round(float(mm), 3) for mm in outside)
         raise RecordError(
             f"way to step {step.number}",
             position_words((x, y, z)),

@@ -166,8 +166,8 @@ def _repeated(observed: Observations) -> Observations:
     """
     value_mm, position_mm = observed.value_mm.copy(), observed.position_mm.copy()
     touching = np.flatnonzero(observed.contact)
-    alike = numbered(observed.mount[touching], observed.axis[touching], value_mm[touching])
-    for rows in rows_of(alike):
+    place_groups = numbered(observed.mount[touching], observed.axis[touching], value_mm[touching])
+    for rows in rows_of(place_groups):
         contacts = touching[rows]
         while len(contacts):
             axis = int(observed.axis[contacts[0]])
@@ -239,12 +239,12 @@ def approaches(session: Session) -> list[float]:
     for members in _by_mounting(session.all_readings):
         displacement_mm = np.array([reading.displacement_mm for reading in members])
         # the first came from nowhere known
-        way = np.sign(np.diff(displacement_mm, prepend=displacement_mm[:1]))
+        sign = np.sign(np.diff(displacement_mm, prepend=displacement_mm[:1]))
         for row, reading in enumerate(members):
             if reading.moved is not None:
-                way[row] = approach_sign(reading.moved, reading.leg, geometry)
-        last = np.maximum.accumulate(np.where(way != 0.0, np.arange(len(way)), 0))
-        signs |= zip((reading.reading for reading in members), way[last].tolist(), strict=True)
+                sign[row] = approach_sign(reading.moved, reading.leg, geometry)
+        last = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(sign)), 0))
+        signs |= zip((reading.reading for reading in members), sign[last].tolist(), strict=True)
     return [signs.get(reading.reading, 0.0) for reading in session.readings]
 
 
@@ -413,7 +413,7 @@ def corrected_readings(session: Session, cleaned: CleanedReadings) -> Iterator[R
             is_same = np.array_equal(cleaned_rows.position_mm[k], observed.position_mm[k])
             position_mm = reading.position_mm if is_same else (x, y, z)
         mount = mounts[int(cleaned_rows.mount[k])]
-        now: dict[str, Any] = {
+        update: dict[str, Any] = {
             "value_mm": float(values[k]),
             "leg": TOUCHED_NAMES[cleaned_rows.leg[k]],
             "axis": LEG_NAMES[cleaned_rows.axis[k]],
@@ -422,13 +422,15 @@ def corrected_readings(session: Session, cleaned: CleanedReadings) -> Iterator[R
             "station": float(cleaned_rows.station[k]),
             "mount": f"{mount}, moved {cleaned.slips[k]}" if cleaned.slips[k] else mount,
         }
-        was = {name: value for name in now if (value := getattr(reading, name)) != now[name]}
-        if was:
-            if was.keys() & {"leg", "displacement_mm", "position_mm"}:
-                now |= {"step": None, "lift_mm": None}
-            description = ", ".join(f"{name} {value}" for name, value in was.items())
-            now["extra"] = {**reading.extra, AS_READ: description}
-            yield reading.model_copy(update=now)
+        original = {
+            name: value for name in update if (value := getattr(reading, name)) != update[name]
+        }
+        if original:
+            if original.keys() & {"leg", "displacement_mm", "position_mm"}:
+                update |= {"step": None, "lift_mm": None}
+            description = ", ".join(f"{name} {value}" for name, value in original.items())
+            update["extra"] = {**reading.extra, AS_READ: description}
+            yield reading.model_copy(update=update)
 
 
 def _values_mm(observed: Observations, cleaned: CleanedReadings) -> FloatArray:

@@ -289,7 +289,7 @@ class Procedure(Document):
             )
         low, high = geometry.travel_min_mm, geometry.travel_max_mm
         coordinate, requirement = "level", f"the joint limits {low:g} … {high:g} mm"
-        wrong: Iterator[tuple[Key, str]]
+        faults: Iterator[tuple[Key, str]]
         if self.plate is not None:
             coordinate, requirement = (
                 "position",
@@ -297,30 +297,29 @@ class Procedure(Document):
             )
             places = self.plate.places_mm()
             stands = geometry.stands(np.array(places)).tolist()
-            wrong = (
+            faults = (
                 (("plate",), position_words(place))
                 for place, may_stand in zip(places, stands, strict=True)
                 if not may_stand
             )
         else:
-            levels: list[tuple[Key, Level]] = [
-                *((("levels", k), level) for k, level in enumerate(self.levels)),
-                *(
-                    (("plane", "levels", k), level)
-                    for k, level in enumerate(self.plane.levels if self.plane else ())
-                ),
+            levels: dict[Key, tuple[Level, ...]] = {("levels",): self.levels}
+            if self.plane is not None:
+                levels["plane", "levels"] = self.plane.levels
+            displacements = [
+                ((*key, k), _displacement(level, geometry))
+                for key, of_key in levels.items()
+                for k, level in enumerate(of_key)
             ]
-            displacements = ((key, _displacement(level, geometry)) for key, level in levels)
-            wrong = ((key, f"{mm:g} mm") for key, mm in displacements if not low <= mm <= high)
+            faults = ((key, f"{mm:g} mm") for key, mm in displacements if not low <= mm <= high)
             if not geometry.common_zero:
                 requirement = f"places that the bars of every leg reach within {requirement}"
-                at = product(levels, map(leg_number, self.legs))
-                wrong = (
-                    (key, f"{_displacement(level, geometry):g} mm of leg {LEG_NAMES[leg]}")
-                    for (key, level), leg in at
-                    if not geometry.goes(leg, _displacement(level, geometry))
+                faults = (
+                    (key, f"{mm:g} mm of leg {LEG_NAMES[leg]}")
+                    for (key, mm), leg in product(displacements, map(leg_number, self.legs))
+                    if not geometry.goes(leg, mm)
                 )
-        for key, value in wrong:
+        for key, value in faults:
             next_step = f"Change the {coordinate}, or the limits in the machine file."
             raise RecordError(
                 f"{self._where(path, key)}, {coordinate}", value, requirement, next_step

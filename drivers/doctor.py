@@ -144,18 +144,18 @@ def _groups(profiles: Iterable[Profile], port: str, query: Query) -> list[Group]
 
     A request without a line end comes last: what stays of it in a device spoils the next one.
     """
-    alike: dict[tuple[object, ...], list[Profile]] = {}
+    groups: dict[tuple[object, ...], list[Profile]] = {}
     for profile in profiles:
         request = profile.request(query) if profile.request else None
         settings = profile.line if carries_settings(port) else None
-        alike.setdefault((request, settings), []).append(profile)
+        groups.setdefault((request, settings), []).append(profile)
 
     def order(group: Group) -> tuple[float, ...]:
         request = group[0].request(query) if group[0].request else b"\r"
         ended = request.endswith((b"\r", b"\n"))
         return (group[0].request is not None, not ended, -len(group), group[0].timeout_s)
 
-    return sorted(map(tuple, alike.values()), key=order)
+    return sorted(map(tuple, groups.values()), key=order)
 
 
 def _trial(group: Group, port: str, query: Query, stopped: Callable[[], bool]) -> Outcome:
@@ -172,10 +172,10 @@ def _trial(group: Group, port: str, query: Query, stopped: Callable[[], bool]) -
     def parse(text: str, query: Query) -> Outcome | None:
         return min((profile.parse(text, query) for profile in group), key=_rank)
 
-    together = replace(group[0], timeout_s=patience_s, parse=parse)
+    combined = replace(group[0], timeout_s=patience_s, parse=parse)
     earlier = FaultKind.NO_ANSWER if listens else None
     for _ in range(ATTEMPTS):
-        exchange = Exchange(together, port, query, together.interval_s, stopped=stopped)
+        exchange = Exchange(combined, port, query, combined.interval_s, stopped=stopped)
         exchange.open()
         try:
             outcome = exchange.checked_outcome()

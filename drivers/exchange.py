@@ -257,16 +257,16 @@ class Exchange:
     def _judge_unasked(self, unasked: list[Outcome]) -> None:
         """Late answers, a press of the button, or a device that sends by itself."""
         now = self._now()
-        alone = now - self._unasked_at >= APART_S and self._slowest_s <= PROMPT_S
-        alone = alone and now >= self._steady_at
+        is_alone = now - self._unasked_at >= APART_S and self._slowest_s <= PROMPT_S
+        is_alone = is_alone and now >= self._steady_at
         self._unasked_at = now
         if self._fault:
             owed, self._owed = self._owed, max(0, self._owed - len(unasked))
-            late = now - self._question_at > self.profile.timeout_s
-            by_itself = self._fault.kind is FaultKind.SENDS_UNASKED and not owed
-            silence_s = APART_S if by_itself else AFTER_LATE * self.profile.timeout_s
+            is_late = now - self._question_at > self.profile.timeout_s
+            unprompted = self._fault.kind is FaultKind.SENDS_UNASKED and not owed
+            silence_s = APART_S if unprompted else AFTER_LATE * self.profile.timeout_s
             fault = self._fault if owed else _unasked(unasked[-1])
-            if owed and late:
+            if owed and is_late:
                 message = (
                     f"answers come later than {self.profile.timeout_s:g} s, too slow to separate "
                     "old from new: none is taken; check cable, radio link and what else asks this "
@@ -276,7 +276,7 @@ class Exchange:
             self._doubt(fault, silence_s)
             return
         (first, *later) = unasked
-        if self.profile.button and alone and isinstance(first, IndicatorReading) and not later:
+        if self.profile.button and is_alone and isinstance(first, IndicatorReading) and not later:
             self._press = first
         else:
             self._doubt(_unasked(unasked[-1]), APART_S)

@@ -139,6 +139,6 @@ def cannot_open(port: str, problem: Exception) -> IndicatorError:
         "Is a directory": ("no serial port", "glidecal ports lists what is there"),
         "refused": ("no device answers at this address", "Start the device or the simulator first"),
     }
-    matches = (why for sign, why in reasons.items() if sign in message)
+    matches = (advice for sign, advice in reasons.items() if sign in message)
     reason, next_step = next(matches, (message, "glidecal ports lists what is there"))
     return IndicatorError(f"port {port}", next_step=next_step, reason=reason)

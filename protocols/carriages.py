@@ -72,11 +72,11 @@ def changes(step: Step, from_mm: Triple, to_mm: Triple, machine: Machine) -> tup
     tool, goal = tool_of((from_mm, to_mm), machine.mdi, geometry)
     # the same machine, with its Zero where indicators are set up: here
     origins = (geometry.origins - tool).tolist()
-    here = replace(geometry, origin_mm=origins, workspace_mm=None, plane_mm=None)
+    local = replace(geometry, origin_mm=origins, workspace_mm=None, plane_mm=None)
     place_mm, leg = goal - tool, leg_number(step.leg)
-    bar_mm = here.leg_length_mm[leg] if step.leg in ALL_AXES else math.inf
-    aside = STAND_MM / bar_mm
-    stations = (step.station, step.station - aside, step.station + aside)
+    bar_mm = local.leg_length_mm[leg] if step.leg in ALL_AXES else math.inf
+    share = STAND_MM / bar_mm
+    stations = (step.station, step.station - share, step.station + share)
     axes = [leg_number(axis) for axis in ALL_AXES]
     observations = conditions(
         [leg] * 9,
@@ -86,7 +86,7 @@ def changes(step: Step, from_mm: Triple, to_mm: Triple, machine: Machine) -> tup
         position_mm=place_mm,
     )
     nominal = (0.0,) * len(PARAMETER_NAMES)
-    readings, by_parameter = readings_and_derivatives(here, nominal, observations)
+    readings, by_parameter = readings_and_derivatives(local, nominal, observations)
     raw_mm = SIGMAS * np.linalg.norm(by_parameter[:3] * machine.tolerances_mm(), axis=1)
     moved, below, above = readings.reshape(3, 3)
     aside_mm = np.abs(above - below) / 2.0

@@ -113,9 +113,9 @@ def _keys_for(problem: ValidationError, kind: type[BaseModel]) -> str:
     if not unknown:
         return ""
     keys = [field.alias or name for name, field in kind.model_fields.items()]
-    alike = dict.fromkeys(match for key in unknown for match in get_close_matches(key, keys, 2))
-    if alike:
-        return f"Keys like these: {', '.join(alike)}"
+    matches = dict.fromkeys(match for key in unknown for match in get_close_matches(key, keys, 2))
+    if matches:
+        return f"Keys like these: {', '.join(matches)}"
     if len(keys) <= MOST_KEYS:
         return f"Keys: {', '.join(keys)}"
     schema = get_args(kind.model_fields["schema_id"].annotation)[-1].removeprefix("glidecal.")
@@ -226,13 +226,13 @@ def describe(problem: ValidationError, text: str | None = None) -> str:
     for fault in errors[:MOST_FAULTS]:
         # of a choice of several kinds pydantic names the kind that was tried, too
         parts = [str(part) for part in fault["loc"] if str(part) not in KINDS]
-        where = ".".join(part for part in parts if "[" not in part)[:60]
+        place = ".".join(part for part in parts if "[" not in part)[:60]
         line = line_of(text, fault["loc"]) if text else None
-        where = f"line {line}, {where}" if line else where
+        place = f"line {line}, {place}" if line else place
         message = fault_words(fault)
         nested = isinstance(fault["input"], dict) or "{" in repr(fault["input"])[:2]
         value = "" if nested or fault["type"] == "missing" else f" (found {fault['input']!r:.40})"
-        faults.append(f"{where}: {message}{value}" if where else message)
+        faults.append(f"{place}: {message}{value}" if place else message)
     further_count = len(errors) - len(faults)
     return "; ".join(faults) + (f"; and {further_count} more" if further_count > 0 else "")
 

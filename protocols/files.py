@@ -303,10 +303,10 @@ def _aside(part: Path) -> Path:
 def _what_stands_there(staged: dict[Path, Path]) -> str:
     """Which files are new, and which old ones have another name: for a person to put right."""
     new = [target.name for target, part in staged.items() if not part.exists()]
-    aside = [old.name for part in staged.values() if (old := _aside(part)).exists()]
+    moved = [old.name for part in staged.values() if (old := _aside(part)).exists()]
     return (
         f"The old files could not be restored. New: {', '.join(new) or 'none'}. Old, under "
-        f"another name: {', '.join(aside) or 'none'}. Export again before the controller reads them"
+        f"another name: {', '.join(moved) or 'none'}. Export again before the controller reads them"
     )
 
 

@@ -241,9 +241,9 @@ class SimulatedPostures:
         `SimulatedHexaSlide.read`.
         """
         planned, procedure = self._planned, self._planned.procedure.whole()
-        where = planned.procedure.in_metres()[posture - 1]
+        posture_m = planned.procedure.in_metres()[posture - 1]
         target_m = np.array(planned.of(posture)) / 1000.0
-        sliders, values = self._machine.read(where, target_m, posture, attempt, self._noise)
+        sliders, values = self._machine.read(posture_m, target_m, posture, attempt, self._noise)
         angular = np.array([name in ANGLES for name in procedure.measured], dtype=bool)
         display_values = np.where(angular, np.degrees(values), 1000.0 * values)
         numbers = [*(1000.0 * sliders if procedure.has_rigid_link else []), *display_values]

@@ -180,8 +180,8 @@ def _number(path: Path, line: int, name: str, cell: str, factor: float, semicolo
     return value
 
 
-def _posture(path: Path, line: int, cells: dict[str, str], otherwise: int) -> int:
-    cell = cells.get("posture", "") or str(otherwise)
+def _posture(path: Path, line: int, cells: dict[str, str], usual: int) -> int:
+    cell = cells.get("posture", "") or str(usual)
     if not cell.isdecimal() or not 1 <= int(cell) <= MOST_POSTURES:
         subject = f"table {path}, line {line}, column posture"
         raise RecordError(subject, cell, f"its number, 1 … {MOST_POSTURES}")

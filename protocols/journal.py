@@ -95,8 +95,8 @@ class Journal:
         journal._content = bytearray(content[: record.whole_bytes])
         if record.torn_bytes:
             journal._unsure = content[record.whole_bytes :]
-            aside = files.unused_path(path.with_name(f"{path.name}.torn"))
-            files.close(files.write_new(aside, journal._unsure))
+            torn_path = files.unused_path(path.with_name(f"{path.name}.torn"))
+            files.close(files.write_new(torn_path, journal._unsure))
         now = local_now()
         continued = form.continued(
             at=now,

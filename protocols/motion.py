@@ -146,8 +146,8 @@ def all_ways(
     ways: list[tuple[Step, list[Triple]]] = []
     previous: Step | None = None
     for step in procedure.steps(machine.geometry(), axes):
-        here = previous if previous is not None and previous.place == step.place else None
-        ways.append((step, way_mm(step, here, procedure, machine)))
+        start = previous if previous is not None and previous.place == step.place else None
+        ways.append((step, way_mm(step, start, procedure, machine)))
         previous = step
     return ways
 

@@ -240,13 +240,13 @@ class Procedure(Document):
     def _of_legs(self, geometry: Geometry, axes: Sequence[str]) -> Iterator[Step]:
         for station in self.stations:
             for leg in self.legs:
-                for together in axes_on_leg(leg, axes):
+                for step_axes in axes_on_leg(leg, axes):
                     for cycle in range(1, self.cycles + 1):
                         seed = f"{leg}/{station}/{cycle}"
                         for displacement in self._cycle(geometry, self.levels, seed):
-                            yield Step(0, leg, displacement, cycle, station, together)
+                            yield Step(0, leg, displacement, cycle, station, step_axes)
                     if self.return_to_zero:
-                        yield Step(0, leg, 0.0, self.cycles, station, together)
+                        yield Step(0, leg, 0.0, self.cycles, station, step_axes)
 
     def _over_plane(self, plane: Plane, geometry: Geometry, axes: Sequence[str]) -> Iterator[Step]:
         for axis, leg in product(plane.axes, self.legs):

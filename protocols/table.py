@@ -460,12 +460,13 @@ def _check_mounts(rows: list[Row], readings: tuple[Reading, ...]) -> None:
     """One mounting is one stand in one place: same leg, axis and station throughout."""
     places: dict[str, tuple[str, str, float]] = {}
     for row, reading in zip(rows, readings, strict=True):
-        here = reading.set_up
-        if places.setdefault(reading.mount, here) != here:
+        place = reading.set_up
+        if places.setdefault(reading.mount, place) != place:
             leg, axis, station = places[reading.mount]
-            where = "over a plane" if station == SLIDING else f"station {station:g}"
+            place_text = "over a plane" if station == SLIDING else f"station {station:g}"
             raise row.fault(
-                "mount", f"a new name: {reading.mount!r} already is leg {leg}, axis {axis}, {where}"
+                "mount",
+                f"a new name: {reading.mount!r} already is leg {leg}, axis {axis}, {place_text}",
             )
 
 

@@ -161,9 +161,9 @@ class Grbl(Controller):
         except IndicatorError as problem:
             raise self.fault(MotionFault.UNREACHABLE, problem.found, problem.allowed) from problem
         except PORT_ERRORS as problem:
-            why = cannot_open(self.address, problem)
-            next_step = sentence(why.next_step)
-            raise self.fault(MotionFault.UNREACHABLE, why.reason, "", next_step) from problem
+            cause = cannot_open(self.address, problem)
+            next_step = sentence(cause.next_step)
+            raise self.fault(MotionFault.UNREACHABLE, cause.reason, "", next_step) from problem
 
     def _wake(self) -> None:
         """The first status report; raises with what came in its place."""
@@ -206,8 +206,8 @@ class Grbl(Controller):
         settings = dict(SETTING.findall("\n".join(self._done("$$"))))
         homing = settings.get("22", "none")
         if not (homing.isdecimal() and int(homing) & 1):  # of grblHAL a mask
-            otherwise = "Without homing the positions of its carriages are unknown."
-            raise self.fault(MotionFault.NOT_READY, f"$22={homing}", "$22=1", otherwise)
+            next_step = "Without homing the positions of its carriages are unknown."
+            raise self.fault(MotionFault.NOT_READY, f"$22={homing}", "$22=1", next_step)
         self._unit_mm = MM_PER_INCH if settings.get("13") == "1" else 1.0
         self._check_travel(settings)
         if self.locked:
@@ -380,8 +380,8 @@ class Grbl(Controller):
         while (line := self._fresh_line(deadline)) != "ok":
             if line.startswith("error:"):
                 self._acknowledged = True
-                why = SAFE.get(line[6:], "see its list of errors")
-                raise self.fault(MotionFault.CONTROLLER, f"{line} ({why})")
+                cause = SAFE.get(line[6:], "see its list of errors")
+                raise self.fault(MotionFault.CONTROLLER, f"{line} ({cause})")
             if STATUS.fullmatch(line) is None:  # one that came by itself
                 answers.append(line)
             if len(answers) > 1000:

@@ -121,8 +121,8 @@ class MotionLine:
     @property
     def not_stopped(self) -> bool:
         """Whether a stop should have been seen by now, or before all was let go, and was not."""
-        late = time.monotonic() - self._cause_s > STOP_S
-        return self._closed_moving or (self._state is State.STOPPING and late)
+        is_late = time.monotonic() - self._cause_s > STOP_S
+        return self._closed_moving or (self._state is State.STOPPING and is_late)
 
     @property
     def why(self) -> str:

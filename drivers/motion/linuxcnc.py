@@ -153,10 +153,10 @@ class LinuxCnc(Controller):
         try:
             self._socket = socket.create_connection((host, int(port)), timeout=within_s)
         except (OSError, ValueError) as problem:  # ValueError: a name that is none
-            why = getattr(problem, "strerror", None) or str(problem) or "no answer"
+            reason = getattr(problem, "strerror", None) or str(problem) or "no answer"
             if isinstance(problem, ValueError) or "/" in host:
-                why = f"{host[:60]!r}, no name of a computer"
-            raise self.fault(MotionFault.UNREACHABLE, why, next_step=THERE) from problem
+                reason = f"{host[:60]!r}, no name of a computer"
+            raise self.fault(MotionFault.UNREACHABLE, reason, next_step=THERE) from problem
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._received = b""
 
@@ -169,10 +169,10 @@ class LinuxCnc(Controller):
         """What is right, in the controller's own words."""
         facts = []
         answers = [self._get(name) for name, _, _ in READY]
-        for (name, ready_states, otherwise), answer in zip(READY, answers, strict=True):
+        for (name, ready_states, remedy), answer in zip(READY, answers, strict=True):
             states = answer.split()[:JOINTS]  # of six joints, whatever there are
             if not states or len(set(states)) != 1 or states[0] not in ready_states:
-                next_step = f"At the controller: {otherwise}."
+                next_step = f"At the controller: {remedy}."
                 value = f"{name} {' '.join(states)}"
                 requirement = f"{name} {' or '.join(ready_states)}"
                 raise self.fault(MotionFault.NOT_READY, value, requirement, next_step)
@@ -420,11 +420,11 @@ class LinuxCnc(Controller):
         self._socket.settimeout(SLICE_S)
         return self._socket
 
-    def _gone(self, why: str) -> ControllerFault:
+    def _gone(self, reason: str) -> ControllerFault:
         if self._socket is not None:
             self._before.append(self._socket)
             self._socket = None
-        return self.fault(MotionFault.LOST, why)
+        return self.fault(MotionFault.LOST, reason)
 
     def _not_understood(self, answer: str, kind: MotionFault = MotionFault.LOST) -> ControllerFault:
         requirement = "what linuxcncrsh answers"

@@ -27,7 +27,10 @@ Words = Annotated[str, Field(max_length=MOST_LETTERS), AfterValidator(printable)
 
 Day = Annotated[date, Field(ge=date(1950, 1, 1), le=date(2100, 1, 1))]
 
-LengthMm = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
+LARGEST_MM = 100_000.0
+"""No machine of these kinds is larger."""
+
+LengthMm = Annotated[float, Field(ge=-LARGEST_MM, le=LARGEST_MM)]
 Triple = tuple[LengthMm, LengthMm, LengthMm]
 ZERO: Triple = (0.0, 0.0, 0.0)
 LEAST_FIGURE_MM = 1e-9
@@ -46,7 +49,8 @@ FigureMm = Annotated[float, Field(ge=0.0, le=100.0), AfterValidator(_is_figure)]
 Tolerance = Annotated[float, Field(ge=1e-9, le=100.0)]
 Seconds = Annotated[float, Field(ge=-1e9, le=1e9)]
 Celsius = Annotated[float, Field(ge=-300.0, le=2000.0)]
-Count = Annotated[int, Field(ge=1, le=1_000_000)]
+LARGEST_COUNT = 1_000_000
+Count = Annotated[int, Field(ge=1, le=LARGEST_COUNT)]
 Seed = Annotated[int, Field(ge=0)]
 
 

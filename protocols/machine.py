@@ -18,6 +18,7 @@ from calib.tripod.effects.drives import geometry_tolerances
 from calib.tripod.effects.effect import Effect
 from calib.tripod.geometry import USABLE_BAR, Geometry
 from protocols.documents import (
+    LARGEST_MM,
     ZERO,
     Day,
     Document,
@@ -35,7 +36,7 @@ from protocols.documents import (
 )
 from protocols.machine_files import SCHEMA, USUAL_MACHINE, machine_files, machine_names, schema_of
 
-Length = Annotated[float, Field(ge=0.001, le=100_000.0)]
+Length = Annotated[float, Field(ge=0.001, le=LARGEST_MM)]
 
 LEAST_LENGTH = 1e-6
 """A shorter vector tells no direction."""

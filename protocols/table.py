@@ -26,7 +26,7 @@ from protocols.data_table import (
     unprotected,
     workbook,
 )
-from protocols.documents import describe
+from protocols.documents import LARGEST_COUNT, describe
 from protocols.machine import Instrument, Machine
 from protocols.procedure import ALL_AXES, SLIDING, Leg, Procedure, default_mount, off_bar
 from protocols.session import (
@@ -73,7 +73,6 @@ NUMBERS = (
     "feed_mm_min",
 )
 
-LARGEST_COUNT = 1_000_000
 MOST_ROWS = 100_000
 LARGEST_NUMBER = 1e9
 

@@ -457,8 +457,8 @@ def _key_password() -> str:
 
 
 def _triple(option: str, text: str | None) -> tuple[float, float, float] | None:
-    from app.exports.linuxcnc_ini import LARGEST_MM
     from protocols.data_table import NUMBER
+    from protocols.documents import LARGEST_MM
 
     if text is None:
         return None

@@ -13,6 +13,7 @@ from enum import StrEnum
 from typing import ClassVar, Literal
 
 from calib.errors import MotionError
+from drivers.profile import MILLIMETRES, Unit
 
 Triple = tuple[float, float, float]
 
@@ -28,7 +29,7 @@ CONNECT_S = 2.0
 STOP_S = 0.5
 """Within it a machine is at rest after the cause of a stop, or the operator is told."""
 
-MM_PER_INCH = 25.4
+MM_PER_INCH = float(MILLIMETRES[Unit.INCH])
 
 AGAIN_S = 0.2
 """So long after its command a stop is sent once more, by every other way there is."""

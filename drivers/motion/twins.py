@@ -14,7 +14,7 @@ from collections.abc import Callable
 from enum import StrEnum
 from typing import Literal, Protocol
 
-from drivers.motion.controller import Triple
+from drivers.motion.controller import MM_PER_INCH, Triple
 from drivers.twins import Disconnected, Transport, TwinPort
 
 SHORT_MM = 0.5
@@ -287,7 +287,7 @@ class LinuxCncTwin:
             elif name in ("abs_act_pos", "abs_cmd_pos", "rel_act_pos", "rel_cmd_pos"):
                 x, y, z = self.axes.at_mm
                 x += self.offset_mm if name.startswith("rel") else 0.0
-                unit = 25.4 if self.state["user_linear_units"] == "INCH" else 1.0
+                unit = MM_PER_INCH if self.state["user_linear_units"] == "INCH" else 1.0
                 value = " ".join(f"{mm / unit:.6f}" for mm in (x, y, z, 0.0, 0.0, 0.0))
             elif name in self.state:
                 value = self.state[name]
@@ -337,7 +337,7 @@ class LinuxCncTwin:
             self.display.append(re.sub(r"#<_ini(\S+)>", self._number, line[7:-1]))
             return
         axis_words = {word[0]: float(word[1:]) for word in re.findall(r"[FXYZ][-+.\d]+", line)}
-        unit = 25.4 if "G20" in self.state["program_codes"].split() else 1.0
+        unit = MM_PER_INCH if "G20" in self.state["program_codes"].split() else 1.0
         self.modal(set(line.split()))
         if not axis_words:
             return
@@ -355,7 +355,7 @@ class LinuxCncTwin:
         """As a message of G-code shows a number of the INI, or that there is none."""
         inch = self.state["user_linear_units"] == "INCH" and name[1].endswith("_LIMIT")
         value = self.ini.get(name[1])
-        return "######" if value is None else f"{value / (25.4 if inch else 1.0):.6f}"
+        return "######" if value is None else f"{value / (MM_PER_INCH if inch else 1.0):.6f}"
 
     def close(self) -> None:
         """Stop listening."""
@@ -465,7 +465,7 @@ class GrblTwin:
         state = self.state or ("Jog" if self.axes.moving else "Idle")
         self._reports += 1
         part = {1: f"|WCO:{self.offset_mm:.3f},0.000,0.000", 2: f"|Ov:{self.override},100,100"}
-        unit = 25.4 if self.settings["13"] == "1" else 1.0
+        unit = MM_PER_INCH if self.settings["13"] == "1" else 1.0
         place = ",".join(f"{mm / unit:.3f}" for mm in self.axes.at_mm)
         return f"<{state}|MPos:{place}|FS:0,0{part.get(self._reports % 10, '')}>\r\n"
 

@@ -334,7 +334,8 @@ class Exchange:
         """Why no line came: nothing at all, a broken line, or bytes of a wrong parity."""
         received, self._received = self._received, b""
         text = received.decode("latin-1")
-        if looks_like_parity(received):
+        # seven data bits with even parity, read as eight: CR comes as 0x8D and never ends a line
+        if b"\x8d" in received and all(byte.bit_count() % 2 == 0 for byte in received):
             message = "the bytes carry a parity bit: set 7 data bits, even parity on this port"
             return Fault(FaultKind.WRONG_PARITY, text, message)
         if received.strip(b"\x00\r\n"):
@@ -342,11 +343,6 @@ class Exchange:
             return Fault(FaultKind.PARTIAL_LINE, text, message)
         message = f"no answer within {self.profile.timeout_s:g} s: is it switched on and connected?"
         return Fault(FaultKind.NO_ANSWER, "", message)
-
-
-def looks_like_parity(received: bytes) -> bool:
-    """Seven data bits with even parity, read as eight: CR comes as 0x8D and never ends a line."""
-    return b"\x8d" in received and all(byte.bit_count() % 2 == 0 for byte in received)
 
 
 def _unasked(line: Outcome) -> Fault:

@@ -260,7 +260,7 @@ def _movements(session: Session) -> FloatArray:
     for members in _by_mounting(r for r in session.all_readings if r.position_mm is not None):
         places_mm = np.array([reading.position_mm for reading in members])
         origins_mm = np.vstack([places_mm[:1], places_mm[:-1]])
-        lifted = np.array([_lifted_mm(reading) for reading in members])[:, None]
+        lifted = np.array([[r.lift_mm or (CONTACT_FROM_MM if r.contact else 0.0)] for r in members])
         above = places_mm + lifted * np.eye(3)[[leg_number(r.axis) for r in members]]
         moved = carriage_movement(geometry, np.where(lifted > 0.0, above, origins_mm), places_mm)
         last = np.zeros(3)
@@ -271,10 +271,6 @@ def _movements(session: Session) -> FloatArray:
             if reading.reading in row_of:
                 signs[row_of[reading.reading]] = last
     return signs
-
-
-def _lifted_mm(reading: Reading) -> float:
-    return reading.lift_mm or (CONTACT_FROM_MM if reading.contact else 0.0)
 
 
 def _check_readings(session: Session) -> None:

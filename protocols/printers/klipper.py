@@ -233,7 +233,12 @@ def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Triple]:
         for name, usual in zip(STEPPERS, USUAL_ANGLES_DEG, strict=True)
     ]
     turns = [_turn_mm(config, name) for name in STEPPERS]
-    steps = [turn / _steps_a_turn(config, name) for turn, name in zip(turns, STEPPERS, strict=True)]
+    microsteps = [
+        config.number(name, "full_steps_per_rotation", FULL_STEPS, above=0.0)
+        * config.number(name, "microsteps", above=0.0)
+        for name in STEPPERS
+    ]
+    steps = [turn / count for turn, count in zip(turns, microsteps, strict=True)]
     a, b, c = (config.number(name, "rotation_distance", above=0.0) for name in STEPPERS)
     stated = config.text("printer", "print_radius") is not None
     printable = config.number("printer", "print_radius", above=0.0) if stated else None
@@ -275,11 +280,6 @@ def _gearing(config: Config, stepper: str) -> float:
             )
         ratio *= float(match[1]) / float(match[2])
     return ratio
-
-
-def _steps_a_turn(config: Config, stepper: str) -> float:
-    full = config.number(stepper, "full_steps_per_rotation", FULL_STEPS, above=0.0)
-    return full * config.number(stepper, "microsteps", above=0.0)
 
 
 def _measured(

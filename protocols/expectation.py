@@ -16,7 +16,7 @@ from protocols.observations import along_mm, approaches, numbers_of
 from protocols.procedure import Step, leg_number
 from protocols.session import Reading, Session
 
-MOST = 200
+MOST_READINGS = 200
 """So many of the latest readings tell what to expect: the last four legs of the longest procedure
 that comes with the program."""
 
@@ -77,7 +77,7 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReadi
     procedure, machine = session.opened.procedure, session.opened.machine
     if procedure is None or session.needs_new_zero(step):
         return ()
-    readings = session.readings[-MOST:]
+    readings = session.readings[-MOST_READINGS:]
     last = {r.mount: r for r in readings}
     mounts = [session.mountings[-1].mounts[axis] for axis in step.axes]
     if not last.keys() >= set(mounts):
@@ -136,7 +136,7 @@ def contradiction(
     procedure = session.opened.procedure
     if procedure is None:
         return None
-    readings = session.readings[-MOST:]
+    readings = session.readings[-MOST_READINGS:]
     latest = last_readings[0]
 
     def is_repeat(group: Sequence[Reading]) -> bool:
@@ -204,7 +204,7 @@ def _correlated(
 ) -> CorrelatedReadings:
     """The latest readings that count, with those of a step at this time on these ``mounts``."""
     machine = session.opened.machine
-    readings = session.readings[-MOST:]
+    readings = session.readings[-MOST_READINGS:]
     places_due = [(step, axis) for axis in step.axes] if step else []
     places: list[tuple[Reading | Step, str]] = [*((r, r.axis) for r in readings), *places_due]
     observations = conditions(
@@ -215,7 +215,7 @@ def _correlated(
         mount=numbers_of([*(r.mount for r in readings), *mounts]).tolist(),
         position_mm=[place.position_mm or ZERO for place, _ in places],
     )
-    sides = approaches(session)[-MOST:]
+    sides = approaches(session)[-MOST_READINGS:]
     last = {r.mount: (r, side) for r, side in zip(readings, sides, strict=True)}
     for mount in mounts:  # what does not move stays as it came
         before, side = last[mount]

@@ -37,7 +37,7 @@ Level = Literal["zero", "max", "min"] | LengthMm
 Key = tuple[str | int, ...]
 """Where in a procedure file something stands."""
 
-WHAT = "procedure file"
+SUBJECT = "procedure file"
 PROCEDURES = Path(__file__).with_name("procedures")
 MOST_STEPS = 20_000
 """Four days of measuring at 20 s a step."""
@@ -371,7 +371,7 @@ class Procedure(Document):
         """The procedure by name, or the file that it is read from with the line of a key."""
         if path is None:
             return f"procedure {self.name}"
-        line = line_of(read_text(path, WHAT), key)
+        line = line_of(read_text(path, SUBJECT), key)
         return f"procedure file {path}" + (f", line {line}" if line else "")
 
     def repeats_in_place(self, geometry: Geometry) -> int:
@@ -546,7 +546,7 @@ def load_procedure(name: str, geometry: Geometry, printable_mm: float | None = N
         if name not in procedure_names():
             choices = ", ".join(procedure_names()) + ", or the path of a .toml file"
             raise UsageError("procedure", repr(name), choices)
-    procedure = read_toml(path, Procedure, WHAT)
+    procedure = read_toml(path, Procedure, SUBJECT)
     if path.parent == PROCEDURES and procedure.plate and printable_mm is not None:
         plate = procedure.plate.within(printable_mm)
         procedure = procedure.model_copy(update={"plate": plate})

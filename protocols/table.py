@@ -78,7 +78,7 @@ LARGEST_NUMBER = 1e9
 
 T = TypeVar("T")
 
-WHOLE = re.compile(r"\+?\d+", re.ASCII)
+INTEGER = re.compile(r"\+?\d+", re.ASCII)
 
 
 class Row:
@@ -129,7 +129,7 @@ class Row:
         """A whole number not below ``least``."""
         text = self.fields[column]
         # int() raises ValueError for thousands of digits
-        if not WHOLE.fullmatch(text) or len(text) > 9 or not least <= int(text) <= LARGEST_COUNT:
+        if not INTEGER.fullmatch(text) or len(text) > 9 or not least <= int(text) <= LARGEST_COUNT:
             raise self.fault(column, f"a whole number, {least} … {LARGEST_COUNT}")
         return int(text)
 

@@ -49,7 +49,7 @@ LONGEST_LINE = 4096
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 """Python takes ``1_0`` and ``nan`` for numbers, too."""
 
-MOST = 1e6
+LARGEST = 1e6
 """No place or setting of a machine is larger: it is a number that was garbled."""
 
 
@@ -358,7 +358,7 @@ class Controller(ABC):
     def finite(self, word: str) -> float:
         """A number that a controller sent. Raises `ControllerFault` for what is none."""
         value = float(word) if NUMBER.fullmatch(word) else math.nan
-        if not abs(value) < MOST:
+        if not abs(value) < LARGEST:
             raise self.fault(MotionFault.CONTROLLER, f"{word[:40]!r}", "a number")
         return value
 

@@ -50,7 +50,7 @@ TURN = 32
 STATUS = re.compile(r"<(\w+)(?::(\d+))?\|(.*)>", re.ASCII)
 SETTING = re.compile(r"\$(\d+)=([-+.\d]+)", re.ASCII)
 VERSION = re.compile(r"\[VER:1\.1\w?\.", re.ASCII)
-SAFE = {"9": "locked, as after an alarm", "15": "beyond its soft limits", "22": "no feed"}
+ERROR_WORDS = {"9": "locked, as after an alarm", "15": "beyond its soft limits", "22": "no feed"}
 MOVING = ("Jog", "Run", "Home")
 ANSWERS_LINES = ("Idle", "Jog", "Alarm")
 """In a hold a line waits for its end."""
@@ -100,7 +100,7 @@ class Descriptor:
             os.close(self._number)
 
 
-WAYS = ("3", "100", "101", "102")
+AXIS_SETTINGS = ("3", "100", "101", "102")
 """Settings that turn a carriage round, or move it another length."""
 
 
@@ -223,7 +223,7 @@ class Grbl(Controller):
             "H:1: homed" if self.tells_homing else f"$22={homing}: it locks until it is homed",
             f"$13={settings.get('13', 'none')}: {'inch' if self._unit_mm != 1.0 else 'mm'}",
             f"$20={soft}: {'its own soft limits are on' if soft == '1' else 'no soft limits'}",
-            " ".join(f"${number}={settings.get(number, 'none')}" for number in WAYS)
+            " ".join(f"${number}={settings.get(number, 'none')}" for number in AXIS_SETTINGS)
             + ": directions, and steps a mm",
         )
 
@@ -380,7 +380,7 @@ class Grbl(Controller):
         while (line := self._fresh_line(deadline)) != "ok":
             if line.startswith("error:"):
                 self._acknowledged = True
-                cause = SAFE.get(line[6:], "see its list of errors")
+                cause = ERROR_WORDS.get(line[6:], "see its list of errors")
                 raise self.fault(MotionFault.CONTROLLER, f"{line} ({cause})")
             if STATUS.fullmatch(line) is None:  # one that came by itself
                 answers.append(line)

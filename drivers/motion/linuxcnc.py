@@ -34,7 +34,7 @@ from drivers.motion.controller import (
 )
 
 PORT = 5007
-THERE = "Is linuxcncrsh running there, and does this port belong to it?"
+SERVER_QUESTION = "Is linuxcncrsh running there, and does this port belong to it?"
 ACCEPT_S = 3.0
 """For what the controller has to accept; it looks ten times a second."""
 
@@ -52,7 +52,7 @@ IDENTITY = "1"
 PASSWORDS = "GLIDECAL_LINUXCNC_PASSWORDS"
 """Environment variable: the password to connect with, a blank, and the one to enable with."""
 
-USUAL = "EMC EMCTOO"
+USUAL_PASSWORDS = "EMC EMCTOO"
 
 MODES = ("G21", "G90", "G94", "G8", "G40", "G61")
 """mm, absolute, mm/min, X as a radius, no compensation of a cutter, exact way. In a line of their
@@ -119,7 +119,7 @@ class LinuxCnc(Controller):
         self._bound = False
         self._open(CONNECT_S)
         deadline = Deadline(CONNECT_S)
-        connect, _, enable = os.environ.get(PASSWORDS, USUAL).partition(" ")
+        connect, _, enable = os.environ.get(PASSWORDS, USUAL_PASSWORDS).partition(" ")
         try:
             self._send(f"hello {connect} glidecal 1")
             answer = self._line(deadline)
@@ -139,7 +139,9 @@ class LinuxCnc(Controller):
         except ControllerFault as problem:
             self.close()
             if problem.kind is MotionFault.LOST:
-                raise self.fault(problem.kind, problem.found, next_step=THERE) from problem
+                raise self.fault(
+                    problem.kind, problem.found, next_step=SERVER_QUESTION
+                ) from problem
             raise
 
     def _open(self, within_s: float) -> None:
@@ -156,7 +158,9 @@ class LinuxCnc(Controller):
             reason = getattr(problem, "strerror", None) or str(problem) or "no answer"
             if isinstance(problem, ValueError) or "/" in host:
                 reason = f"{host[:60]!r}, no name of a computer"
-            raise self.fault(MotionFault.UNREACHABLE, reason, next_step=THERE) from problem
+            raise self.fault(
+                MotionFault.UNREACHABLE, reason, next_step=SERVER_QUESTION
+            ) from problem
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._received = b""
 
@@ -317,7 +321,7 @@ class LinuxCnc(Controller):
             self._before.append(self._socket)
         self._aborted, self._last_try, self._took_control = False, True, True
         self._open(REJOIN_S)
-        connect, _, enable = os.environ.get(PASSWORDS, USUAL).partition(" ")
+        connect, _, enable = os.environ.get(PASSWORDS, USUAL_PASSWORDS).partition(" ")
         # "get machine": it refuses an abort while it believes from before that the machine is off
         self._send(
             f"hello {connect} glidecal 1\nset echo off\nset verbose on\n"

@@ -127,7 +127,7 @@ class MotionTwin(Protocol):
         """Stop listening."""
 
 
-RIGHT = {
+HEALTHY = {
     "estop": "OFF",
     "machine": "ON",
     "mode": "MANUAL",
@@ -149,7 +149,7 @@ INI = {"[KINS]JOINTS": 3.0} | {
 }
 """Numbers in the INI of that LinuxCNC, in mm."""
 
-WRONG = {
+TROUBLE_STATES = {
     MotionTrouble.NOT_HOMED: {"joint_homed": "YES NO YES NO NO NO"},
     MotionTrouble.INCH: {"user_linear_units": "INCH"},
     MotionTrouble.OFF: {"machine": "OFF"},
@@ -179,7 +179,7 @@ class LinuxCncTwin:
         self._connect, self._enable = "EMC", "EMCTOO"
         self.lock = threading.Lock()
         self.control: Client | None = None
-        self._right = {**RIGHT, "kinematics_type": "1" if coordinates == "joint" else "4"}
+        self._right = {**HEALTHY, "kinematics_type": "1" if coordinates == "joint" else "4"}
         self.state = dict(self._right)
         self._silent = False
         self._clients: list[socket.socket] = []
@@ -204,7 +204,7 @@ class LinuxCncTwin:
     def befall(self, trouble: MotionTrouble) -> None:
         """From now on this is so."""
         with self.lock:
-            self.state |= WRONG.get(trouble, {})
+            self.state |= TROUBLE_STATES.get(trouble, {})
             if trouble is MotionTrouble.NAK:
                 self.control = None
             elif trouble is MotionTrouble.SILENCE:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 
 from drivers.profile import (
-    NOTHING,
+    NO_LINE,
     BadReply,
     Evidence,
     Fault,
@@ -26,7 +26,7 @@ from drivers.profile import (
 VALUES = re.compile(r"M0(?P<fields>(?:,[+-]\d{3}\.\d{4})+)", re.ASCII)
 BEYOND = "999.9999"
 NO_VALUES = Grammar(
-    value=NOTHING,
+    value=NO_LINE,
     fault=r"ER,(?:M0|MS|SR|SW),(?P<code>\d\d)",
     passed_over="M0",
     words={

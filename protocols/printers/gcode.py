@@ -16,7 +16,7 @@ Texts = list[tuple[Path, str]]
 """Files in the order in which they were named, each with its text."""
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)"
-WHOLE = r"(?![\w.,])"
+NUMBER_END = r"(?![\w.,])"
 """Behind the last number of an answer: it is all there, as it is not in ``-0,12`` or ``1e308``."""
 COMMAND = re.compile(r"([GM]\d+)(?![\d.:])\s*(.*)")
 WORD = re.compile(rf"([A-Z])\s*({NUMBER}(?:\s*:\s*{NUMBER})*°?)?\s*")

@@ -22,7 +22,7 @@ from protocols.procedure import default_mount
 from protocols.session import Opened, Reading
 from protocols.table import is_table
 
-WHAT = "file of a printer"
+SUBJECT = "file of a printer"
 STEEPEST = 0.1
 """Of a plate as contacts show it: over one that is steeper no nozzle printed."""
 
@@ -55,7 +55,7 @@ class ImportedPrinter:
 class Dialect(Protocol):
     """A module that reads files of one firmware."""
 
-    def is_mine(self, text: str) -> bool:
+    def recognises(self, text: str) -> bool:
         """Whether a text has a line that only this firmware has."""
 
     def content(self, texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
@@ -78,9 +78,9 @@ def are_of_printer(paths: Sequence[Path]) -> bool:
         return True
     if is_table(paths[0]):
         return False
-    text = read_printed(paths[0], WHAT)
+    text = read_printed(paths[0], SUBJECT)
     has_columns = "_mm" in text.partition("\n")[0]
-    return not has_columns or any(dialect.is_mine(text) for dialect in DIALECTS)
+    return not has_columns or any(dialect.recognises(text) for dialect in DIALECTS)
 
 
 def imported_printer(
@@ -109,7 +109,7 @@ def imported_printer(
         )
     if not content.contacts and not geometry_alone:
         raise RecordError(
-            f"{WHAT} {paths[0]}",
+            f"{SUBJECT} {paths[0]}",
             "no contact with the plate"
             + "".join(f". Not used: {oddity}" for oddity in content.oddities[:1]),
             "heights that the firmware saved, or a log of its probe beside it",
@@ -118,7 +118,7 @@ def imported_printer(
         )
     if len(content.contacts) > MOST_CONTACTS:
         raise RecordError(
-            f"{WHAT} {paths[-1]}",
+            f"{SUBJECT} {paths[-1]}",
             f"{len(content.contacts):,} contacts",
             f"up to {MOST_CONTACTS:,} in a session",
             "Import the log of one run of the places, not that of weeks.",
@@ -132,7 +132,7 @@ def imported_printer(
         )
     if machine is None:
         raise RecordError(
-            f"{WHAT} {paths[0]}",
+            f"{SUBJECT} {paths[0]}",
             "contacts, and no geometry",
             "the printer's configuration beside it, or --machine",
         )
@@ -169,9 +169,9 @@ def _content(paths: Sequence[Path], beside_mm: Pair) -> FileContent:
 
     Raises RecordError naming the file that the dialect of the first one does not know.
     """
-    texts = [(path, read_printed(path, WHAT)) for path in paths]
+    texts = [(path, read_printed(path, SUBJECT)) for path in paths]
     _refuse_twice(texts)
-    recognised = [[dialect.is_mine(text) for _, text in texts] for dialect in DIALECTS]
+    recognised = [[dialect.recognises(text) for _, text in texts] for dialect in DIALECTS]
     best = max(range(len(DIALECTS)), key=lambda k: sum(recognised[k]))
     strangers = [
         path
@@ -180,7 +180,7 @@ def _content(paths: Sequence[Path], beside_mm: Pair) -> FileContent:
     ]
     if strangers:
         raise RecordError(
-            f"{WHAT} {strangers[0]}",
+            f"{SUBJECT} {strangers[0]}",
             "no geometry and no answer of a probe",
             "files of one printer: its configuration, a log of its probe",
             "They are printer.cfg and the answers of PROBE (Klipper), config.g and those of G32 "
@@ -198,7 +198,7 @@ def _refuse_twice(texts: Texts) -> None:
         for other_path, longer in [*texts[:k], *texts[k + 1 :]]:
             if text.strip() and text.strip() in longer:
                 see = f"the same text as in {other_path}"
-                raise RecordError(f"{WHAT} {path}", see, "each file once", "Leave it out.")
+                raise RecordError(f"{SUBJECT} {path}", see, "each file once", "Leave it out.")
 
 
 def _check(files: str, contacts: Sequence[Contact], machine: Machine) -> None:
@@ -215,7 +215,7 @@ def _check(files: str, contacts: Sequence[Contact], machine: Machine) -> None:
         if not reached or abs(off - usual_mm) > OFF_PLATE_MM:
             reason = f"{abs(off - usual_mm):.3g} mm off the others" if reached else "not reached"
             raise RecordError(
-                f"{WHAT} {files}",
+                f"{SUBJECT} {files}",
                 f"{contact.text[:LETTERS]}: the tool at ({x:.6g}, {y:.6g}, {z:.6g}) mm, {reason}",
                 allowed,
                 "Are these contacts of another geometry, or in another unit? Take out a place that "
@@ -239,7 +239,7 @@ def _check_neighbours(files: str, contacts: Sequence[Contact], off_mm: FloatArra
             pair = sorted((number, worst), key=lambda k: -abs(off_mm[k] - float(np.median(off_mm))))
             text, neighbour = (contacts[k].text[:LETTERS] for k in pair)
             raise RecordError(
-                f"{WHAT} {files}",
+                f"{SUBJECT} {files}",
                 f"{text}: {step_mm[worst]:.3g} mm off a contact that is "
                 f"{apart_mm[worst]:.3g} mm beside it, {neighbour}",
                 "contacts with one plate, with the values that the configuration has now",

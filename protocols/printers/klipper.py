@@ -21,7 +21,7 @@ from calib.tripod import UPRIGHT_TOWERS
 from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.distance_table import Measured
 from protocols.documents import MOST_EDITED_BYTES, Triple
-from protocols.printers.gcode import WHOLE, Texts, read_printed
+from protocols.printers.gcode import NUMBER_END, Texts, read_printed
 from protocols.printers.tower_printer import (
     OFF_PLATE_MM,
     Contact,
@@ -41,16 +41,18 @@ PROBES = ("probe", "bltouch", "smart_effector", "probe_eddy_current", "load_cell
 MOST_HEIGHTS = 999
 MOST_INCLUDES = 200
 FULL_STEPS = 200
-PLACES = 9
+DECIMALS = 9
 """Decimals of a place in mm, so that one that is at 0 is shown there."""
 
 NUMBER = r"([+-]?\d+(?:\.\d+)?)"
-PROBED = re.compile(rf"probe: at {NUMBER},{NUMBER} bed will contact at z={NUMBER}{WHOLE}", re.ASCII)
-PROBED_BEFORE = re.compile(rf"probe at {NUMBER},{NUMBER} is z={NUMBER}{WHOLE}", re.ASCII)
+PROBED = re.compile(
+    rf"probe: at {NUMBER},{NUMBER} bed will contact at z={NUMBER}{NUMBER_END}", re.ASCII
+)
+PROBED_BEFORE = re.compile(rf"probe at {NUMBER},{NUMBER} is z={NUMBER}{NUMBER_END}", re.ASCII)
 """Of programs from before 2025: the place of the tool, and its height as the probe tripped."""
 
 ANSWER = re.compile(r"\bprobe:? at ")
-SENT_SAVE = re.compile(r"(?:[\W\d]|[AP]M\b|Send:)*SAVE_CONFIG\s*$")
+SAVE_COMMAND = re.compile(r"(?:[\W\d]|[AP]M\b|Send:)*SAVE_CONFIG\s*$")
 """The command, as hosts repeat it."""
 OF_CALIBRATION = re.compile(r"(manual_height|height|distance)(\d+)(_pos[12]?)?$")
 SETTING_KEYS = {"radius", "horizontal_move_z", "speed", "points"}
@@ -62,7 +64,7 @@ def is_config(text: str) -> bool:
     return re.search(r"^\[printer\]", text, re.MULTILINE) is not None
 
 
-def is_mine(text: str) -> bool:
+def recognises(text: str) -> bool:
     """Whether a text is a ``printer.cfg``, or has answers of the command PROBE."""
     return is_config(text) or ANSWER.search(text) is not None
 
@@ -87,13 +89,13 @@ class Config:
     def read(cls, path: Path) -> Config:
         """Raises RecordError naming the file and what cannot be read of it."""
         config = cls(path)
-        plain, _, saved = read_printed(path, WHAT, MOST_EDITED_BYTES).partition(SAVED_HEADER)
+        plain, _, saved = read_printed(path, SUBJECT, MOST_EDITED_BYTES).partition(SAVED_HEADER)
         config._add(path, plain, [path.resolve()])
         lines = saved.splitlines()
         strangers = [line for line in lines if line.strip() and not line.startswith(SAVED)]
         if strangers:
             raise RecordError(
-                f"{WHAT} {path}, below the SAVE_CONFIG line",
+                f"{SUBJECT} {path}, below the SAVE_CONFIG line",
                 repr(strangers[0]),
                 "lines that begin with #*#, as Klipper wrote them",
                 "Klipper does not read this block either: remove the line.",
@@ -136,8 +138,8 @@ class Config:
             self.included += 1
             if resolved in inside or self.included > MOST_INCLUDES:
                 allowed = f"no file inside itself, {MOST_INCLUDES} files together"
-                raise RecordError(f"{WHAT} {path}", f"[include {name}]", allowed)
-            self._add(target, read_printed(target, WHAT, MOST_EDITED_BYTES), [*inside, resolved])
+                raise RecordError(f"{SUBJECT} {path}", f"[include {name}]", allowed)
+            self._add(target, read_printed(target, SUBJECT, MOST_EDITED_BYTES), [*inside, resolved])
 
     def _parse(
         self, path: Path, text: str, parser: configparser.RawConfigParser | None = None
@@ -151,7 +153,7 @@ class Config:
             )
             place = f", near line {line}" if line else ""
             raise RecordError(
-                f"{WHAT} {path}{place}",
+                f"{SUBJECT} {path}{place}",
                 reason="no section or key, as Klipper has them",
                 next_step="Give the printer.cfg that the printer starts with.",
             ) from problem
@@ -160,7 +162,7 @@ class Config:
         self, section: str, key: str, usual: float | None = None, *, above: float | None = None
     ) -> float:
         """A finite number. Raises RecordError where it is missing, no number, or not above."""
-        subject = f"{WHAT} {self.path}, [{section}] {key}"
+        subject = f"{SUBJECT} {self.path}, [{section}] {key}"
         text = self.text(section, key)
         if text is None:
             if usual is None:
@@ -184,7 +186,7 @@ class Config:
         return dict(self.parser.items(section)) if self.parser.has_section(section) else {}
 
 
-WHAT = "printer configuration"
+SUBJECT = "printer configuration"
 
 
 def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
@@ -192,7 +194,7 @@ def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
     paths = [path for path, text in texts if is_config(text)]
     if len(paths) > 1:
         names = ", ".join(map(str, paths))
-        raise RecordError(WHAT, names, "one printer.cfg; it includes the others")
+        raise RecordError(SUBJECT, names, "one printer.cfg; it includes the others")
     config = Config.read(paths[0]) if paths else None
     of_config = _content_of_config(paths[0], config) if config else FileContent(None, ())
     contacts, oddities = [*of_config.contacts], [*of_config.oddities]
@@ -210,7 +212,7 @@ def _content_of_config(path: Path, config: Config) -> FileContent:
     kinematics = config.text("printer", "kinematics") or "nothing"
     if kinematics != UPRIGHT_TOWERS:
         raise RecordError(
-            f"{WHAT} {path}, [printer] kinematics",
+            f"{SUBJECT} {path}, [printer] kinematics",
             kinematics,
             f"{UPRIGHT_TOWERS}: three upright towers",
             "Other printers are not calibrated here.",
@@ -243,7 +245,7 @@ def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Triple]:
     stated = config.text("printer", "print_radius") is not None
     printable = config.number("printer", "print_radius", above=0.0) if stated else None
     printer = TowerPrinter(
-        f"{WHAT} {path}",
+        f"{SUBJECT} {path}",
         path.stem,
         (arms[0], arms[1], arms[2]),
         (radius, radius, radius),
@@ -262,7 +264,7 @@ def _turn_mm(config: Config, stepper: str) -> float:
     if config.text(stepper, "rotation_distance") is None:
         old = config.text(stepper, "step_distance")
         raise RecordError(
-            f"{WHAT} {config.path}, [{stepper}] rotation_distance",
+            f"{SUBJECT} {config.path}, [{stepper}] rotation_distance",
             "nothing" if old is None else f"step_distance: {old}, as Klipper had it before 2021",
             "the travel for one turn, in mm: without it steps have no length",
             "Give the printer.cfg that the printer starts with today.",
@@ -276,7 +278,7 @@ def _gearing(config: Config, stepper: str) -> float:
         match = re.fullmatch(rf"{NUMBER}\s*:\s*{NUMBER}", pair)
         if match is None or not float(match[1]) > 0.0 or not float(match[2]) > 0.0:
             raise RecordError(
-                f"{WHAT} {config.path}, [{stepper}] gear_ratio", repr(text), "such as 80:16"
+                f"{SUBJECT} {config.path}, [{stepper}] gear_ratio", repr(text), "such as 80:16"
             )
         ratio *= float(match[1]) / float(match[2])
     return ratio
@@ -317,7 +319,7 @@ def _numbered(config: Config, name: str, endings: Sequence[str]) -> Iterator[str
         for end in endings:
             if key + end not in keys:
                 raise RecordError(
-                    f"{WHAT} {config.path}, [{CALIBRATION}] {key}{end}",
+                    f"{SUBJECT} {config.path}, [{CALIBRATION}] {key}{end}",
                     "nothing",
                     f"three numbers of steps beside {key}",
                 )
@@ -342,7 +344,7 @@ def _distance(config: Config, printer: TowerPrinter, step_mm: Triple, key: str) 
     ends = [f"{key}_pos{end}" for end in (1, 2)]
     first, second = (_place(config, printer, step_mm, end, 0.0) for end in ends)
     steps = ", ".join(f"{end}: {config.text(CALIBRATION, end)}" for end in ends)
-    subject = f"{WHAT} {config.path}, [{CALIBRATION}] {key}"
+    subject = f"{SUBJECT} {config.path}, [{CALIBRATION}] {key}"
     return Measured(first, second, value_mm, f"{key}: {value_mm:g}, {steps}", subject)
 
 
@@ -350,7 +352,7 @@ def _place(
     config: Config, printer: TowerPrinter, step_mm: Triple, key: str, height_mm: float
 ) -> Triple:
     """Where these steps lead to. Raises RecordError further than so much from the height."""
-    subject = f"{WHAT} {config.path}, [{CALIBRATION}] {key}"
+    subject = f"{SUBJECT} {config.path}, [{CALIBRATION}] {key}"
     text = config.text(CALIBRATION, key) or ""
     try:
         steps = np.array([float(part) for part in text.split(",")])
@@ -363,7 +365,7 @@ def _place(
         x, y, z = printer.tool_mm(carriages)
     except UnreachablePosture as problem:
         raise _elsewhere(subject, text, "the bars do not meet there") from problem
-    place_mm = round(x, PLACES) + 0.0, round(y, PLACES) + 0.0, round(z, PLACES) + 0.0
+    place_mm = round(x, DECIMALS) + 0.0, round(y, DECIMALS) + 0.0, round(z, DECIMALS) + 0.0
     if abs(z - height_mm) > OFF_PLATE_MM:
         at = ", ".join(f"{value:z.1f}" for value in place_mm)
         raise _elsewhere(subject, text, f"the tool at ({at}) mm")
@@ -398,7 +400,7 @@ def _probed(text: str, offset_mm: Triple, name: str) -> tuple[list[Contact], lis
     contacts: list[Contact] = []
     oddities: list[str] = []
     for number, line in enumerate(text.splitlines(), start=1):
-        if SENT_SAVE.match(line):
+        if SAVE_COMMAND.match(line):
             if contacts:
                 oddities.append(
                     f"{len(contacts)} contacts before SAVE_CONFIG in line {number} of {name}: they "

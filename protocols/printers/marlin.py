@@ -21,10 +21,10 @@ from operator import itemgetter
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.documents import Triple
-from protocols.printers.gcode import NUMBER, PREFIX, WHOLE, Texts, commands, lines, motor_steps
+from protocols.printers.gcode import NUMBER, NUMBER_END, PREFIX, Texts, commands, lines, motor_steps
 from protocols.printers.tower_printer import Contact, FileContent, Pair, TowerPrinter
 
-ANSWER = re.compile(rf"Bed X: ({NUMBER}) Y: ({NUMBER}) Z: ({NUMBER}){WHOLE}")
+ANSWER = re.compile(rf"Bed X: ({NUMBER}) Y: ({NUMBER}) Z: ({NUMBER}){NUMBER_END}")
 TOWERS, TRIMS = "XYZ", "ABC"
 
 SIGNS = re.compile(
@@ -35,7 +35,7 @@ SIGNS = re.compile(
 
 G33_COMMAND = re.compile(r"\bG33\b(?! Auto)([^;*]*)")
 """The command G33, as hosts repeat it."""
-BEGINS = re.compile(rf"Checking\.\.\. AC(?: at radius: ?({NUMBER}))?(.*)")
+TABLE_START = re.compile(rf"Checking\.\.\. AC(?: at radius: ?({NUMBER}))?(.*)")
 HEIGHTS = re.compile(r"\. +(?:c|x|yz): ?[+-]?\d")
 HEIGHT = re.compile(rf"\b(c|x|y|z|yz|zx|xy): ?({NUMBER})")
 MIDDLE = "c"
@@ -51,7 +51,7 @@ SINGLE_PLACES = {
 REPEAT_ADVICE = "send G33 P3 V0 and save what was sent and answered"
 
 
-def is_mine(text: str) -> bool:
+def recognises(text: str) -> bool:
     """Whether a text has a line that only this firmware has."""
     return SIGNS.search(text) is not None
 
@@ -179,7 +179,7 @@ def _tables(all_lines: Lines) -> list[tuple[int, HeightTable]]:
     command: str | None = None
     tables: list[tuple[int, HeightTable]] = []
     for number, (source, text) in enumerate(all_lines):
-        if match := BEGINS.search(text):
+        if match := TABLE_START.search(text):
             radius_mm = float(match[1]) if match[1] else None
             tables.append(
                 (number, HeightTable(source, command, radius_mm, "DRY-RUN" not in match[2]))

@@ -12,24 +12,24 @@ import re
 
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
-from protocols.printers.gcode import NUMBER, WHOLE, Texts, lines
+from protocols.printers.gcode import NUMBER, NUMBER_END, Texts, lines
 from protocols.printers.tower_printer import Contact, FileContent, Pair, TowerPrinter
 
 EEPROM_LINE = re.compile(rf"EPR:\d+ (\d+) ({NUMBER}) ")
-ANSWER = re.compile(rf"Z-probe: ?({NUMBER}) X: ?({NUMBER}) Y: ?({NUMBER}){WHOLE}")
+ANSWER = re.compile(rf"Z-probe: ?({NUMBER}) X: ?({NUMBER}) Y: ?({NUMBER}){NUMBER_END}")
 
 STEPS, HEIGHT, ROD, RADIUS, PRINTABLE = 11, 153, 881, 885, 925
 OFFSETS, ANGLES = (893, 895, 897), (901, 905, 909)
 RADII_MORE, RODS_MORE = (913, 917, 921), (933, 937, 941)
-BESIDE = (800, 804)
-PLACES = {
+PROBE_OFFSETS = (800, 804)
+REQUIRED = {
     **{STEPS: "Steps per mm", HEIGHT: "Z max length", ROD: "Diagonal rod length"},
     **{RADIUS: "Horizontal rod radius at 0,0"},
 }
 """Places of the EEPROM that must be there, as they are named beside their values."""
 
 
-def is_mine(text: str) -> bool:
+def recognises(text: str) -> bool:
     """Whether a text has a line that only this firmware has."""
     return re.search(r"\bEPR:\d+ \d+ |Z-probe: ?[-\d]", text) is not None
 
@@ -49,7 +49,7 @@ def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
             contacts.append(Contact((x - x_beside, y - y_beside, 0.0 - down), match[0], 0.0, 0.001))
         elif "Z-probe:" in text:
             oddities.append(f"{source}: {text!r}: no place of a probe")
-    if any(stored.get(place) for place in BESIDE) and not any(beside_mm):
+    if any(stored.get(place) for place in PROBE_OFFSETS) and not any(beside_mm):
         oddities.append("the probe's offset in X and Y: places are taken as the tool's")
     return FileContent(
         _printer(texts, stored, first), tuple(contacts), tuple(oddities), beside_mm=beside_mm
@@ -59,7 +59,7 @@ def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
 def _printer(texts: Texts, stored: dict[int, float], first: str) -> TowerPrinter | None:
     if ROD not in stored and RADIUS not in stored and not stored:
         return None
-    missing = [name for place, name in PLACES.items() if place not in stored]
+    missing = [name for place, name in REQUIRED.items() if place not in stored]
     if missing or not stored[STEPS] > 0.0:
         raise RecordError(
             f"file of a printer, {first}",

@@ -52,7 +52,7 @@ Answers = list[tuple[str, str]]
 """Where each line stands, and its text."""
 
 
-def is_mine(text: str) -> bool:
+def recognises(text: str) -> bool:
     """Whether a text has a line that only this firmware has."""
     if ANSWER.search(text) or GEOMETRY.search(text):
         return True

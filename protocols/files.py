@@ -197,7 +197,7 @@ class FilesThere(UsageError):
         super().__init__(self.words, next_step="Give another name, or --force to replace")
 
 
-def check_targets(targets: Iterable[Path], *, replace: bool = False) -> None:
+def check_targets(targets: Iterable[Path], *, replace: bool) -> None:
     """Raises UsageError for a target that must not be replaced, FilesThere unless others may be."""
     paths = list(targets)
     if any(target.parts[:1] == STANDARD_OUTPUT.parts for target in paths):

@@ -35,7 +35,7 @@ class Journal:
     by another program, it is written again, under its name or beside it.
     """
 
-    def __init__(self, path: Path, file: io.FileIO, form: RecordForm = SESSION_FORM) -> None:
+    def __init__(self, path: Path, file: io.FileIO, form: RecordForm) -> None:
         self.path = path
         self._file = file
         self._form = form

@@ -238,7 +238,7 @@ def read_model(path: Path, effects: Sequence[Effect] = CATALOGUE) -> tuple[Model
     return to_model(model, f"model {path}", effects), model.machine
 
 
-def to_model(model: ModelFile, subject: str, effects: Sequence[Effect] = CATALOGUE) -> Model:
+def to_model(model: ModelFile, subject: str, effects: Sequence[Effect]) -> Model:
     """The model of a file; ``subject`` names it in errors. Raises RecordError."""
     geometry = model.machine.geometry()
     longest = min(geometry.leg_length_mm)
@@ -307,7 +307,7 @@ def free_effects(
 def with_expected(
     model: ModelFile,
     size_of: Callable[[Sequence[tuple[Effect, str]]], tuple[FloatArray, FloatArray]],
-    effects: Sequence[Effect] = CATALOGUE,
+    effects: Sequence[Effect],
 ) -> ModelFile:
     """The model with sizes as sessions let expect them, and how well each is known.
 

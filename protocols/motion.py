@@ -140,7 +140,7 @@ def moves_mm(ways: Iterable[Sequence[Triple]]) -> list[float]:
 
 
 def all_ways(
-    procedure: Procedure, machine: Machine, axes: Sequence[str] = BOTH
+    procedure: Procedure, machine: Machine, axes: Sequence[str]
 ) -> list[tuple[Step, list[Triple]]]:
     """Every step of a whole session, with its way from the one before. Raises as `way_mm`."""
     ways: list[tuple[Step, list[Triple]]] = []

@@ -75,9 +75,9 @@ class MotionFault(StrEnum):
 class ControllerFault(MotionError):
     """A `MotionError` with its kind, worded like any `GlidecalError`."""
 
-    def __init__(self, kind: MotionFault, *parts: str, reason: str = "") -> None:
+    def __init__(self, kind: MotionFault, *parts: str) -> None:
         self.kind = kind
-        super().__init__(*parts, reason=reason or ("" if any(parts[1:2]) else f"{kind}"))
+        super().__init__(*parts, reason="" if any(parts[1:2]) else f"{kind}")
 
 
 @dataclass(frozen=True)

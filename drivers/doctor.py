@@ -50,7 +50,7 @@ class PortFinding:
     """One thing looked at: whether it is well, what was seen, what to do."""
 
     well: bool
-    what: str
+    description: str
     next_step: str = ""
 
 
@@ -69,7 +69,7 @@ def examine(
         return [*findings, refused(port, problem)]
     findings.append(PortFinding(True, f"port {port} opens"))
     try:
-        outcomes = [exchange.taken() for _ in range(ATTEMPTS)]
+        outcomes = [exchange.checked_outcome() for _ in range(ATTEMPTS)]
     finally:
         exchange.hang_up()
     return findings + list(_of_outcomes(profile, query, outcomes, alternatives))
@@ -91,7 +91,7 @@ class Trials:
     """What came of trying profiles: those that fit, and what was heard instead of a value."""
 
     fits: tuple[FittingProfile, ...]
-    heard: tuple[tuple[Profile, Fault], ...]
+    faults: tuple[tuple[Profile, Fault], ...]
     count: int
 
 
@@ -125,12 +125,12 @@ def try_profiles(
     while waiting and not stopped():
         group, number = waiting.pop(0), number + 1
         progress(number, count, group)
-        outcome = _tried(group, port, query, stopped)
-        group_fits = _read(group, outcome.text, query)
+        outcome = _trial(group, port, query, stopped)
+        group_fits = _fitting(group, outcome.text, query)
         if group_fits and _rank(outcome) <= A_VALUE:
             fits += group_fits
             candidates = (
-                [fit.profile for fit in _read(group, outcome.text, query)] for group in waiting
+                [fit.profile for fit in _fitting(group, outcome.text, query)] for group in waiting
             )
             waiting = [tuple(fitting) for fitting in candidates if fitting]
             count = number + len(waiting)
@@ -140,25 +140,25 @@ def try_profiles(
 
 
 def _groups(profiles: Iterable[Profile], port: str, query: Query) -> list[Group]:
-    """In the order of trying: first who only listens, then who asks for most profiles, quickly.
+    """Profiles in the order of trying: first who only listens, then who asks for most, quickly.
 
     A request without a line end comes last: what stays of it in a device spoils the next one.
     """
-    alike: dict[tuple[object, ...], list[Profile]] = {}
+    groups: dict[tuple[object, ...], list[Profile]] = {}
     for profile in profiles:
         request = profile.request(query) if profile.request else None
         settings = profile.line if carries_settings(port) else None
-        alike.setdefault((request, settings), []).append(profile)
+        groups.setdefault((request, settings), []).append(profile)
 
     def order(group: Group) -> tuple[float, ...]:
         request = group[0].request(query) if group[0].request else b"\r"
         ended = request.endswith((b"\r", b"\n"))
         return (group[0].request is not None, not ended, -len(group), group[0].timeout_s)
 
-    return sorted(map(tuple, alike.values()), key=order)
+    return sorted(map(tuple, groups.values()), key=order)
 
 
-def _tried(group: Group, port: str, query: Query, stopped: Callable[[], bool]) -> Outcome:
+def _trial(group: Group, port: str, query: Query, stopped: Callable[[], bool]) -> Outcome:
     """What a group's question brings, asked again where it was no value.
 
     The first question may end what others left in the device, and be lost with it. A value must
@@ -172,13 +172,13 @@ def _tried(group: Group, port: str, query: Query, stopped: Callable[[], bool]) -
     def parse(text: str, query: Query) -> Outcome | None:
         return min((profile.parse(text, query) for profile in group), key=_rank)
 
-    together = replace(group[0], timeout_s=patience_s, parse=parse)
+    combined = replace(group[0], timeout_s=patience_s, parse=parse)
     earlier = FaultKind.NO_ANSWER if listens else None
     for _ in range(ATTEMPTS):
-        exchange = Exchange(together, port, query, together.interval_s, stopped=stopped)
+        exchange = Exchange(combined, port, query, combined.interval_s, stopped=stopped)
         exchange.open()
         try:
-            outcome = exchange.taken()
+            outcome = exchange.checked_outcome()
         finally:
             exchange.hang_up()
         if isinstance(outcome, IndicatorReading) or outcome.kind is earlier:
@@ -197,7 +197,7 @@ def _rank(outcome: Outcome | None) -> int:
     return ranks.get(outcome.kind, 3)
 
 
-def _read(group: Sequence[Profile], text: str, query: Query) -> list[FittingProfile]:
+def _fitting(group: Sequence[Profile], text: str, query: Query) -> list[FittingProfile]:
     """The profiles of a group that read a value in a line."""
     outcomes = ((profile, profile.parse(text, query)) for profile in group)
     return [
@@ -229,7 +229,7 @@ def examine_by_trial(
 
 def findings_of(trials: Trials) -> list[PortFinding]:
     """The profiles that fit, or why none does."""
-    findings = [] if trials.fits else list(_of_silence(trials.heard))
+    findings = [] if trials.fits else list(_of_silence(trials.faults))
     readings = [fit.outcome for fit in trials.fits if isinstance(fit.outcome, IndicatorReading)]
     if readings:
         findings += _of_reading(readings[0])

@@ -43,7 +43,7 @@ APART_S = 4.0
 PROMPT_S = 0.5
 """Where answers take longer, a press cannot be told from them."""
 
-SLOWEST_KEPT = 0.95
+SLOWEST_MEMORY = 0.95
 """So much of the longest answer time is remembered from one answer to the next."""
 
 MOST_COMPARED = 4
@@ -111,7 +111,7 @@ class Exchange:
         self._begun_before = False
         self._form = ""
         self._owed = 0
-        self._asked_at = self._quiet_until = self._steady_at = 0.0
+        self._question_at = self._quiet_until = self._steady_at = 0.0
         self._unasked_at = -APART_S
         self._slowest_s = 0.0
         self._fault: Fault | None = None
@@ -129,7 +129,7 @@ class Exchange:
         if port is not None:
             close_port(port)
 
-    def taken(self) -> Outcome:
+    def checked_outcome(self) -> Outcome:
         """A reading to be kept: of the same form as the one before, else it is asked for again.
 
         A byte lost on the line makes the answer shorter, and a grammar without a fixed width or a
@@ -185,7 +185,7 @@ class Exchange:
 
     def _question(self, port: SerialPort) -> Outcome:
         self._received = b""
-        self._asked_at, self._pending = self._now(), True
+        self._question_at, self._pending = self._now(), True
         port.write(self.profile.request(self._query) if self.profile.request else b"")
         ask_by_pulse(port, self.profile.line, self._wait)
         outcome = self._answer(port)
@@ -193,13 +193,13 @@ class Exchange:
         if isinstance(outcome, Fault) and outcome.kind in UNANSWERED:
             return self._unanswered(outcome)
         now = self._now()
-        self._slowest_s = max(now - self._asked_at, SLOWEST_KEPT * self._slowest_s)
+        self._slowest_s = max(now - self._question_at, SLOWEST_MEMORY * self._slowest_s)
         if self._slowest_s > SLICE_S:  # a surplus answer shows only if nothing is asked meanwhile
             self.ready_at = max(self.ready_at, now + self._slowest_s)
         if self._fault:
             self._probed, self._quiet_until = True, now + PROOF * self.profile.timeout_s
             return self._fault
-        pressed, waited_s = self._press, self._asked_at - self._unasked_at
+        pressed, waited_s = self._press, self._question_at - self._unasked_at
         if pressed and self._slowest_s > PROMPT_S:
             self._doubt(_unasked(pressed), APART_S)
         elif pressed and waited_s >= ALONE_S:
@@ -214,7 +214,7 @@ class Exchange:
         if self._fault and self._fault.kind is FaultKind.TOO_SLOW:
             fault = self._fault
         self._doubt(fault, 0.0)
-        self._quiet_until = self._asked_at + LATEST * self.profile.timeout_s
+        self._quiet_until = self._question_at + LATEST * self.profile.timeout_s
         self._steady_at = self._now() + STEADY * self.profile.timeout_s
         return fault
 
@@ -245,28 +245,28 @@ class Exchange:
             remainder = self._next_line(port, SLICE_S, gap=True) or self._received
             self._received = b""
             lines.append(remainder)
-        outcomes = [self._said(line.lstrip(b"\x00")) for line in lines]
+        outcomes = [self._outcome_of(line.lstrip(b"\x00")) for line in lines]
         unasked = [outcome for outcome in outcomes if outcome is not None]
         if unasked:
-            self._heard_unasked(unasked)
+            self._judge_unasked(unasked)
 
     def _leave_flood(self) -> None:
         if self.profile.request is None:
             self._fault = None
 
-    def _heard_unasked(self, unasked: list[Outcome]) -> None:
+    def _judge_unasked(self, unasked: list[Outcome]) -> None:
         """Late answers, a press of the button, or a device that sends by itself."""
         now = self._now()
-        alone = now - self._unasked_at >= APART_S and self._slowest_s <= PROMPT_S
-        alone = alone and now >= self._steady_at
+        is_alone = now - self._unasked_at >= APART_S and self._slowest_s <= PROMPT_S
+        is_alone = is_alone and now >= self._steady_at
         self._unasked_at = now
         if self._fault:
             owed, self._owed = self._owed, max(0, self._owed - len(unasked))
-            late = now - self._asked_at > self.profile.timeout_s
-            by_itself = self._fault.kind is FaultKind.SENDS_UNASKED and not owed
-            silence_s = APART_S if by_itself else AFTER_LATE * self.profile.timeout_s
+            is_late = now - self._question_at > self.profile.timeout_s
+            unprompted = self._fault.kind is FaultKind.SENDS_UNASKED and not owed
+            silence_s = APART_S if unprompted else AFTER_LATE * self.profile.timeout_s
             fault = self._fault if owed else _unasked(unasked[-1])
-            if owed and late:
+            if owed and is_late:
                 message = (
                     f"answers come later than {self.profile.timeout_s:g} s, too slow to separate "
                     "old from new: none is taken; check cable, radio link and what else asks this "
@@ -276,13 +276,13 @@ class Exchange:
             self._doubt(fault, silence_s)
             return
         (first, *later) = unasked
-        if self.profile.button and alone and isinstance(first, IndicatorReading) and not later:
+        if self.profile.button and is_alone and isinstance(first, IndicatorReading) and not later:
             self._press = first
         else:
             self._doubt(_unasked(unasked[-1]), APART_S)
 
     def _newest(self, port: SerialPort) -> Outcome:
-        """Of a stream the last line of those that came together."""
+        """The last line of those of a stream that came together."""
         deadline = self._now() + self.profile.timeout_s
         if self._begun_before:
             self._next_line(port, self.profile.timeout_s)
@@ -290,17 +290,17 @@ class Exchange:
         outcome = self._answer(port)
         while port.in_waiting and self._now() < deadline:
             line = self._next_line(port, SLICE_S, gap=True)
-            outcome = (self._said(line) if line else None) or outcome
+            outcome = (self._outcome_of(line) if line else None) or outcome
         return outcome
 
     def _answer(self, port: SerialPort) -> Outcome:
         """The outcome of the next line that is neither echo nor identification."""
         deadline = self._now() + self.profile.timeout_s
-        while (left_s := deadline - self._now()) > 0.0 and not self._stopped():
-            line = self._next_line(port, left_s)
+        while (remaining_s := deadline - self._now()) > 0.0 and not self._stopped():
+            line = self._next_line(port, remaining_s)
             if line is None:
                 break
-            if (outcome := self._said(line)) is not None:
+            if (outcome := self._outcome_of(line)) is not None:
                 return outcome
         return self._silence()
 
@@ -318,13 +318,13 @@ class Exchange:
                 return line
             if self._now() >= deadline or len(self._received) > LONGEST_LINE:
                 return None
-            came = port.read(max(1, port.in_waiting))
-            self._received += came
-            if gap and came:
+            chunk = port.read(max(1, port.in_waiting))
+            self._received += chunk
+            if gap and chunk:
                 deadline = self._now() + patience_s
         return None
 
-    def _said(self, line: bytes) -> Outcome | None:
+    def _outcome_of(self, line: bytes) -> Outcome | None:
         """What a line says; None for an empty one, an echo or an identification."""
         # latin-1: no byte is left out, for 12°345 without its ° would be a number
         outcome = self.profile.parse(line.decode("latin-1"), self._query) if line else None
@@ -334,7 +334,8 @@ class Exchange:
         """Why no line came: nothing at all, a broken line, or bytes of a wrong parity."""
         received, self._received = self._received, b""
         text = received.decode("latin-1")
-        if looks_like_parity(received):
+        # seven data bits with even parity, read as eight: CR comes as 0x8D and never ends a line
+        if b"\x8d" in received and all(byte.bit_count() % 2 == 0 for byte in received):
             message = "the bytes carry a parity bit: set 7 data bits, even parity on this port"
             return Fault(FaultKind.WRONG_PARITY, text, message)
         if received.strip(b"\x00\r\n"):
@@ -342,11 +343,6 @@ class Exchange:
             return Fault(FaultKind.PARTIAL_LINE, text, message)
         message = f"no answer within {self.profile.timeout_s:g} s: is it switched on and connected?"
         return Fault(FaultKind.NO_ANSWER, "", message)
-
-
-def looks_like_parity(received: bytes) -> bool:
-    """Seven data bits with even parity, read as eight: CR comes as 0x8D and never ends a line."""
-    return b"\x8d" in received and all(byte.bit_count() % 2 == 0 for byte in received)
 
 
 def _unasked(line: Outcome) -> Fault:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
 import time
@@ -11,7 +12,7 @@ from concurrent.futures import Future
 from drivers.exchange import Exchange
 from drivers.profile import Fault, FaultKind, Outcome, Profile, Query
 
-Heard = Callable[[Outcome], None]
+Listener = Callable[[Outcome], None]
 
 
 class IndicatorLine:
@@ -30,8 +31,8 @@ class IndicatorLine:
         *,
         query: Query | None = None,
         interval_s: float | None = None,
-        listener: Heard = lambda _: None,
-        on_button: Heard = lambda _: None,
+        listener: Listener = lambda _: None,
+        on_button: Listener = lambda _: None,
     ) -> None:
         self.profile = profile
         self.port = port
@@ -47,7 +48,7 @@ class IndicatorLine:
             wait=self._stop.wait,
             stopped=self._stop.is_set,
         )
-        self._thread = threading.Thread(target=self._own, name=f"indicator {port}", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f"indicator {port}", daemon=True)
 
     def start(self) -> None:
         """Open the port and begin. Raises IndicatorError where it cannot be opened."""
@@ -74,26 +75,24 @@ class IndicatorLine:
 
     def _answer_nobody(self) -> None:
         """Whoever still waits gets a fault."""
-        while True:
-            try:
+        with contextlib.suppress(queue.Empty):
+            while True:
                 waiting = self._requests.get_nowait()
-            except queue.Empty:
-                return
-            if waiting is not None:
-                waiting.set_result(Fault(FaultKind.DISCONNECTED, "", "the line was closed"))
+                if waiting is not None:
+                    waiting.set_result(Fault(FaultKind.DISCONNECTED, "", "the line was closed"))
 
-    def _own(self) -> None:
+    def _run(self) -> None:
         while not self._stop.is_set():
             idle_s = max(0.0, self._exchange.ready_at - time.monotonic())
             try:
                 request = self._requests.get(timeout=idle_s)
             except queue.Empty:
-                self._heard(self._exchange.outcome())
+                self._report(self._exchange.outcome())
                 continue
             if request is not None:
-                request.set_result(self._heard(self._exchange.taken()))
+                request.set_result(self._report(self._exchange.checked_outcome()))
 
-    def _heard(self, outcome: Outcome) -> Outcome:
+    def _report(self, outcome: Outcome) -> Outcome:
         if not self._stop.is_set():  # a line that is being closed tells nothing any more
             self._listener(outcome)
         return outcome

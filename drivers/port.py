@@ -7,7 +7,7 @@ import socket
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import serial
 from serial.tools.list_ports_common import ListPortInfo as ListPortInfo
@@ -103,21 +103,14 @@ def ask_by_pulse(port: SerialPort, line: LineSettings, wait: Callable[[float], o
             port.dtr = line.dtr
 
 
-class Closable(Protocol):
-    """A port, or what stands in its place."""
-
-    def close(self) -> None:
-        """Let go of it."""
-
-
-def close_port(port: Closable) -> None:
+def close_port(port: SerialPort) -> None:
     """Close the port whatever state it is in."""
     # pyserial leaves the socket of a vanished peer open: its shutdown fails before close
-    behind: socket.socket | None = getattr(port, "_socket", None)
+    port_socket: socket.socket | None = getattr(port, "_socket", None)
     with contextlib.suppress(*PORT_ERRORS):
         port.close()
-    if behind is not None:
-        behind.close()
+    if port_socket is not None:
+        port_socket.close()
 
 
 def cannot_open(port: str, problem: Exception) -> IndicatorError:
@@ -139,6 +132,6 @@ def cannot_open(port: str, problem: Exception) -> IndicatorError:
         "Is a directory": ("no serial port", "glidecal ports lists what is there"),
         "refused": ("no device answers at this address", "Start the device or the simulator first"),
     }
-    matches = (why for sign, why in reasons.items() if sign in message)
+    matches = (advice for sign, advice in reasons.items() if sign in message)
     reason, next_step = next(matches, (message, "glidecal ports lists what is there"))
     return IndicatorError(f"port {port}", next_step=next_step, reason=reason)

@@ -167,7 +167,7 @@ class Spindle:
         return max(1, len(f"{self.resolution_mm:.7f}".rstrip("0").partition(".")[2]))
 
 
-NOTHING = r"(?!)"
+NO_LINE = r"(?!)"
 """Matches no line."""
 
 
@@ -184,8 +184,8 @@ class Grammar:
     """
 
     value: str
-    fault: str = NOTHING
-    passed_over: str = NOTHING
+    fault: str = NO_LINE
+    passed_over: str = NO_LINE
     words: Mapping[str, str] = field(default_factory=dict)
     other_words: str = "fault {code}"
     kinds: Mapping[str, FaultKind] = field(default_factory=dict)

@@ -79,17 +79,17 @@ class IndicatorTwin:
     def _answers(self, request: bytes) -> bytes:
         if not self._request:
             return b"" if request else self._profile.reply(self._spindle).encode("latin-1")
-        known_request, received = self._request.strip(), self._received + request
+        expected_request, received = self._request.strip(), self._received + request
         if self._request.endswith((b"\r", b"\n")):
             *parts, self._received = received.split(self._request[-1:])
             requests = [part.strip() for part in parts]
         else:  # nothing ends a request: only the one that is known can be told
             *parts, self._received = received.split(self._request)
-            requests = [known_request] * len(parts)
-        return b"".join(self._answer(part, known_request) for part in requests)
+            requests = [expected_request] * len(parts)
+        return b"".join(self._answer(part, expected_request) for part in requests)
 
-    def _answer(self, request: bytes, known_request: bytes) -> bytes:
-        if request == known_request:
+    def _answer(self, request: bytes, expected_request: bytes) -> bytes:
+        if request == expected_request:
             return self._profile.reply(self._spindle).encode("latin-1")
         reply = self._profile.otherwise(request.decode("latin-1"), self._spindle)
         return reply.encode("latin-1")
@@ -103,7 +103,7 @@ class IndicatorTwin:
         if fault == LineTrouble.SLOW:
             time.sleep(SLOW_S)
         self._count += 1
-        shapes = {
+        shapes: dict[str, bytes] = {
             LineTrouble.SILENCE: b"",
             LineTrouble.SPLIT: answer[: max(1, len(answer) // 2)],
             LineTrouble.NOISE: NOISE + answer,
@@ -111,16 +111,19 @@ class IndicatorTwin:
             LineTrouble.DROP_OUTS: b"" if self._count % 3 == 0 else answer,
             LineTrouble.PARITY: bytes(byte | (byte.bit_count() % 2) << 7 for byte in answer),
         }
-        return next((shape for name, shape in shapes.items() if name == fault), answer)
+        return shapes.get(fault, answer)
 
 
 def faults_of(profile: Profile) -> dict[str, str]:
     """The faults that a twin of this profile can show: names, and what each is."""
-    own_faults = {
+    bad_replies = {
         name: f"answers {bad.reply.decode('latin-1').strip()}, {bad.kind}"
         for name, bad in profile.bad_replies.items()
     }
-    return {**{trouble.value: description for trouble, description in WORDS.items()}, **own_faults}
+    return {
+        **{trouble.value: description for trouble, description in WORDS.items()},
+        **bad_replies,
+    }
 
 
 Transport = Literal["pty", "tcp"]
@@ -194,7 +197,7 @@ class _PseudoTerminal:
     """
 
     url: str
-    _own_end: int
+    _near_end: int
     _far_end: int
     _open: bool
 
@@ -203,25 +206,25 @@ class _PseudoTerminal:
             raise OSError("Windows has no pseudo-terminals")
         import tty
 
-        self._own_end, self._far_end = os.openpty()
+        self._near_end, self._far_end = os.openpty()
         tty.setraw(self._far_end)  # else it echoes, and makes LF of each CR
         self.url = os.ttyname(self._far_end)
         self._open = True
 
     def sources(self) -> tuple[int | socket.socket, ...]:
-        return (self._own_end,)
+        return (self._near_end,)
 
     def receive(self, source: object) -> bytes:
-        return os.read(self._own_end, CHUNK) if source == self._own_end else b""
+        return os.read(self._near_end, CHUNK) if source == self._near_end else b""
 
     def send(self, answer: bytes) -> None:
         if answer:
-            os.write(self._own_end, answer)
+            os.write(self._near_end, answer)
 
     def close(self) -> None:
         if self._open:
             self._open = False
-            os.close(self._own_end)
+            os.close(self._near_end)
             os.close(self._far_end)
 
 

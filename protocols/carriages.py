@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import LEG_NAMES, FloatArray, conditions
+from calib.arrays import LEG_NAMES, conditions
 from calib.errors import UnreachablePosture
 from calib.tripod.geometry import PARAMETER_NAMES, direct, inverse
 from calib.tripod.pipeline import readings_and_derivatives
 from protocols.documents import Triple
 from protocols.machine import Machine
+from protocols.motion import tool_of
 from protocols.procedure import ALL_AXES, Step, leg_number
 
 SIGMAS = 3.0
@@ -59,7 +59,8 @@ def moved_alone(place_mm: Triple, carriage: str, way_mm: float, machine: Machine
 
 def is_allowed(place_mm: Triple, machine: Machine) -> bool:
     """Whether bars and joint limits allow a place of the controller."""
-    return bool(machine.geometry().stands(_tool(place_mm, machine)[None])[0])
+    geometry = machine.geometry()
+    return bool(geometry.stands(tool_of([place_mm], machine.mdi, geometry))[0])
 
 
 def changes(step: Step, from_mm: Triple, to_mm: Triple, machine: Machine) -> tuple[Change, ...]:
@@ -67,14 +68,15 @@ def changes(step: Step, from_mm: Triple, to_mm: Triple, machine: Machine) -> tup
 
     Raises UnreachablePosture.
     """
-    geometry, tool = machine.geometry(), _tool(from_mm, machine)
+    geometry = machine.geometry()
+    tool, goal = tool_of((from_mm, to_mm), machine.mdi, geometry)
     # the same machine, with its Zero where indicators are set up: here
     origins = (geometry.origins - tool).tolist()
-    here = replace(geometry, origin_mm=origins, workspace_mm=None, plane_mm=None)
-    place_mm, leg = _tool(to_mm, machine) - tool, leg_number(step.leg)
-    bar_mm = here.leg_length_mm[leg] if step.leg in ALL_AXES else math.inf
-    aside = STAND_MM / bar_mm
-    stations = (step.station, step.station - aside, step.station + aside)
+    local = replace(geometry, origin_mm=origins, workspace_mm=None, plane_mm=None)
+    place_mm, leg = goal - tool, leg_number(step.leg)
+    bar_mm = local.leg_length_mm[leg] if step.leg in ALL_AXES else math.inf
+    share = STAND_MM / bar_mm
+    stations = (step.station, step.station - share, step.station + share)
     axes = [leg_number(axis) for axis in ALL_AXES]
     observations = conditions(
         [leg] * 9,
@@ -84,7 +86,7 @@ def changes(step: Step, from_mm: Triple, to_mm: Triple, machine: Machine) -> tup
         position_mm=place_mm,
     )
     nominal = (0.0,) * len(PARAMETER_NAMES)
-    readings, by_parameter = readings_and_derivatives(here, nominal, observations)
+    readings, by_parameter = readings_and_derivatives(local, nominal, observations)
     raw_mm = SIGMAS * np.linalg.norm(by_parameter[:3] * machine.tolerances_mm(), axis=1)
     moved, below, above = readings.reshape(3, 3)
     aside_mm = np.abs(above - below) / 2.0
@@ -92,8 +94,3 @@ def changes(step: Step, from_mm: Triple, to_mm: Triple, machine: Machine) -> tup
     within = raw_mm + aside_mm + LEAN * across_mm + STILL_MM
     rows = [LEG_NAMES.index(axis) for axis in step.axes]
     return tuple(Change(float(moved[row]), float(within[row])) for row in rows)
-
-
-def _tool(place_mm: Sequence[float], machine: Machine) -> FloatArray:
-    place = np.asarray(place_mm, dtype=np.float64)
-    return np.asarray(direct(machine.geometry(), place)) if machine.mdi == "joint" else place

@@ -11,17 +11,17 @@ from calib.printable import printable
 from protocols.documents import MOST_LETTERS, Day, Document, read_toml
 
 
-def _one_line(text: str) -> str:
+def _single_line(text: str) -> str:
     line = printable(" ".join(text.split()))
     if not line:
         raise ValueError("a text, not nothing")
     return line
 
 
-Entry = Annotated[str, Field(max_length=MOST_LETTERS), AfterValidator(_one_line)]
+Entry = Annotated[str, Field(max_length=MOST_LETTERS), AfterValidator(_single_line)]
 """A line of an address or a name: never empty, no space at its ends."""
 
-Number = Annotated[str, Field(max_length=40), AfterValidator(_one_line)]
+Number = Annotated[str, Field(max_length=40), AfterValidator(_single_line)]
 Country = Annotated[str, Field(pattern="^[A-Z]{2}$")]
 """As ISO 3166-1 writes it: DE, FR."""
 

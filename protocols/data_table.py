@@ -49,7 +49,7 @@ SEMICOLON = re.compile(rf";(?={FORMULA.pattern})")
 """Where spreadsheets part cells by semicolons, a cell of commas is parted here, quoted or not."""
 
 AMBIGUOUS = re.compile(r"\\(?=u003b|u005c)")
-SHOWN = re.compile(r"\\u(003b|005c)")
+ESCAPE = re.compile(r"\\u(003b|005c)")
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class DataTable:
 
     @property
     def headings(self) -> tuple[str, ...]:
-        """Of the columns for a reader."""
+        """Headings of the columns for a reader."""
         return tuple(self.quantities[k].heading for k in self._for_reader)
 
     @property
@@ -89,7 +89,7 @@ class DataTable:
         cells = [row[k] for row in self.rows[:1] for k in self._for_reader]
         return next((k for k, cell in enumerate(cells) if not isinstance(cell, str)), len(cells))
 
-    def shown_rows(self) -> Iterator[tuple[str, ...]]:
+    def reader_rows(self) -> Iterator[tuple[str, ...]]:
         """Cells as texts for a reader, values with the decimals that their uncertainty needs."""
         widths = [k for k, column in enumerate(self.quantities) if column.kind == "uncertainty"]
         for row in self.rows:
@@ -101,20 +101,20 @@ class DataTable:
         return [k for k, column in enumerate(self.quantities) if column.label is not None]
 
     def _repr_html_(self) -> str:
-        """As Jupyter asks for it: the columns for a reader, with the help of each over it."""
+        """The table in Jupyter: the columns for a reader, with the help of each over it."""
         columns = [self.quantities[k] for k in self._for_reader]
         head = (f'<th title="{escape(q.words)}">{escape(q.heading)}</th>' for q in columns)
-        rows = ((f"<td>{escape(cell)}</td>" for cell in row) for row in self.shown_rows())
+        rows = ((f"<td>{escape(cell)}</td>" for cell in row) for row in self.reader_rows())
         lines = ("".join(row) for row in (head, *rows))
         return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
     def to_frame(self) -> DataFrame:
-        """For pandas. Raises UsageError where that is not installed."""
+        """The table for pandas. Raises UsageError where that is not installed."""
         with extra("to_frame()", "frames"):
             import pandas
         return pandas.DataFrame.from_records(list(self.rows), columns=list(self.names))
 
-    def written(self, as_format: str) -> str | bytes:
+    def file_content(self, as_format: str) -> str | bytes:
         """The table as a file of one of `FORMATS`, its texts `protected`: they are read as here.
 
         Raises UsageError where the library for it is not installed.
@@ -141,7 +141,7 @@ class Tabled:
     """A result that is a table, too."""
 
     def table(self) -> DataTable:
-        """Its rows."""
+        """The table of its rows."""
         raise NotImplementedError
 
     def to_frame(self) -> DataFrame:
@@ -200,7 +200,7 @@ def protected(text: str) -> str:
 def unprotected(cell: str) -> str:
     """The text that `protected` made this of; a cell that it could not have made, as it is."""
     inside = cell[1:-1] if _is_quoted(cell) else cell
-    return SHOWN.sub(lambda match: ";" if match[1] == "003b" else "\\", inside)
+    return ESCAPE.sub(lambda match: ";" if match[1] == "003b" else "\\", inside)
 
 
 def _is_quoted(text: str) -> bool:

@@ -34,7 +34,7 @@ class Measured:
     to_mm: Triple
     value_mm: float
     text: str
-    where: str
+    source: str
     deviation_mm: float | None = None
 
 
@@ -84,11 +84,11 @@ def _checked(number: int, entry: Measured, geometry: Geometry, usual_mm: float) 
     for place in (entry.from_mm, entry.to_mm):
         if not (geometry.reach_mm2(np.array(place)) > 0.0).all():
             at = ", ".join(f"{value:g}" for value in place)
-            raise RecordError(entry.where, f"a mark at ({at}) mm", "places that the bars reach")
+            raise RecordError(entry.source, f"a mark at ({at}) mm", "places that the bars reach")
     apart_mm = math.dist(entry.from_mm, entry.to_mm)
     if not (apart_mm > 0.0 < entry.value_mm and abs(entry.value_mm - apart_mm) <= OFF_MM):
         raise RecordError(
-            entry.where,
+            entry.source,
             f"{entry.value_mm:g} mm between marks that were commanded {apart_mm:.6g} mm apart",
             f"two marks, and a distance within {OFF_MM:g} mm of that",
             "Is it in mm, and of these two marks? Measure it again, or take it out.",
@@ -96,7 +96,7 @@ def _checked(number: int, entry: Measured, geometry: Geometry, usual_mm: float) 
     deviation_mm = usual_mm if entry.deviation_mm is None else entry.deviation_mm
     if not LEAST_MM <= deviation_mm <= OFF_MM:
         raise RecordError(
-            entry.where,
+            entry.source,
             f"a standard deviation of {deviation_mm:g} mm",
             f"{LEAST_MM:g} … {OFF_MM:g} mm, that of marking and measuring together",
         )

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import date
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, TypeVar, get_args
+from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
@@ -27,7 +27,10 @@ Words = Annotated[str, Field(max_length=MOST_LETTERS), AfterValidator(printable)
 
 Day = Annotated[date, Field(ge=date(1950, 1, 1), le=date(2100, 1, 1))]
 
-LengthMm = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
+LARGEST_MM = 100_000.0
+"""No machine of these kinds is larger."""
+
+LengthMm = Annotated[float, Field(ge=-LARGEST_MM, le=LARGEST_MM)]
 Triple = tuple[LengthMm, LengthMm, LengthMm]
 ZERO: Triple = (0.0, 0.0, 0.0)
 LEAST_FIGURE_MM = 1e-9
@@ -46,7 +49,8 @@ FigureMm = Annotated[float, Field(ge=0.0, le=100.0), AfterValidator(_is_figure)]
 Tolerance = Annotated[float, Field(ge=1e-9, le=100.0)]
 Seconds = Annotated[float, Field(ge=-1e9, le=1e9)]
 Celsius = Annotated[float, Field(ge=-300.0, le=2000.0)]
-Count = Annotated[int, Field(ge=1, le=1_000_000)]
+LARGEST_COUNT = 1_000_000
+Count = Annotated[int, Field(ge=1, le=LARGEST_COUNT)]
 Seed = Annotated[int, Field(ge=0)]
 
 
@@ -67,7 +71,7 @@ MOST_FAULTS, MOST_KEYS = 3, 20
 """That a message names."""
 
 MOST_BYTES = 16_000_000
-MOST_WRITTEN_BYTES = 1_000_000
+MOST_EDITED_BYTES = 1_000_000
 """Of a file that a person writes."""
 
 D = TypeVar("D", bound=BaseModel)
@@ -78,7 +82,7 @@ def read_toml(path: Path, kind: type[D], subject: str, next_step: str = "") -> D
 
     ``next_step`` is for a text of another kind.
     """
-    text = read_text(path, subject, MOST_WRITTEN_BYTES)
+    text = read_text(path, subject, MOST_EDITED_BYTES)
     if is_deep(text):
         raise RecordError(f"{subject} {path}", "a key of very many parts", "TOML text")
     try:
@@ -113,13 +117,29 @@ def _keys_for(problem: ValidationError, kind: type[BaseModel]) -> str:
     if not unknown:
         return ""
     keys = [field.alias or name for name, field in kind.model_fields.items()]
-    alike = dict.fromkeys(match for key in unknown for match in get_close_matches(key, keys, 2))
-    if alike:
-        return f"Keys like these: {', '.join(alike)}"
+    matches = dict.fromkeys(match for key in unknown for match in get_close_matches(key, keys, 2))
+    if matches:
+        return f"Keys like these: {', '.join(matches)}"
     if len(keys) <= MOST_KEYS:
         return f"Keys: {', '.join(keys)}"
     schema = get_args(kind.model_fields["schema_id"].annotation)[-1].removeprefix("glidecal.")
     return f"docs/schemas/{schema.replace('/', '-')}.json lists the {len(keys)} keys"
+
+
+def toml_text(content: Mapping[str, Any], comments: Iterable[str]) -> str:
+    """A TOML file below ``comments``, a line each: its keys, then its tables, in their order."""
+    lines = [f"# {line}".rstrip() for line in comments]
+    tables: list[tuple[str, dict[str, Any]]] = []
+    for key, value in content.items():
+        if isinstance(value, dict):
+            tables.append((f"[{key}]", value))
+        elif isinstance(value, list) and isinstance(value[0], dict):
+            tables += [(f"[[{key}]]", entry) for entry in value]
+        else:
+            lines.append(f"{key} = {json.dumps(value)}")
+    for heading, table in tables:
+        lines += ["", heading, *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
+    return "\n".join(lines) + "\n"
 
 
 def read_json(
@@ -210,13 +230,13 @@ def describe(problem: ValidationError, text: str | None = None) -> str:
     for fault in errors[:MOST_FAULTS]:
         # of a choice of several kinds pydantic names the kind that was tried, too
         parts = [str(part) for part in fault["loc"] if str(part) not in KINDS]
-        where = ".".join(part for part in parts if "[" not in part)[:60]
+        place = ".".join(part for part in parts if "[" not in part)[:60]
         line = line_of(text, fault["loc"]) if text else None
-        where = f"line {line}, {where}" if line else where
+        place = f"line {line}, {place}" if line else place
         message = fault_words(fault)
         nested = isinstance(fault["input"], dict) or "{" in repr(fault["input"])[:2]
         value = "" if nested or fault["type"] == "missing" else f" (found {fault['input']!r:.40})"
-        faults.append(f"{where}: {message}{value}" if where else message)
+        faults.append(f"{place}: {message}{value}" if place else message)
     further_count = len(errors) - len(faults)
     return "; ".join(faults) + (f"; and {further_count} more" if further_count > 0 else "")
 

@@ -53,7 +53,7 @@ class EffectEntry(Document):
     provenance: Provenance | None = None
 
     def held_at(self, values: Sequence[float]) -> EffectEntry:
-        """The same with these values, one for each parameter, held."""
+        """The effect with these values, one for each parameter, held."""
         parameters = {
             name: parameter.model_copy(
                 update={"value": float(value), "standard_uncertainty": None, "held": True}
@@ -63,7 +63,7 @@ class EffectEntry(Document):
         return self.model_copy(update={"parameters": parameters})
 
     def freed(self) -> EffectEntry:
-        """The same with values that a fit may change."""
+        """The effect with values that a fit may change."""
         parameters = self.parameters.items()
         free = {name: parameter.model_copy(update={"held": None}) for name, parameter in parameters}
         return self.model_copy(update={"parameters": free})
@@ -90,7 +90,7 @@ class HasEffects(Protocol):
         """What was added and removed, in this order."""
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None) -> Self:
-        """The same with other values of these fields."""
+        """A copy with other values of these fields."""
 
 
 M = TypeVar("M", bound=HasEffects)
@@ -140,7 +140,7 @@ def _changed(
     entries: Sequence[EffectEntry],
     why: str,
 ) -> M:
-    """With these effects; the history tells of the entries that came or went."""
+    """The model with these effects; the history tells of the entries that came or went."""
     now = datetime.now(UTC)
     noted = [HistoryEntry(action=action, at=now, why=why, effect=entry) for entry in entries]
     return model.model_copy(update={"effects": effects, "history": (*model.history, *noted)})

@@ -12,11 +12,11 @@ import numpy as np
 from calib.arrays import TOOL, conditions
 from calib.tripod.prediction import DRIFT_MM_S, ZERO_MM, CorrelatedReadings
 from protocols.documents import ZERO
-from protocols.observations import along_mm, approaches
+from protocols.observations import along_mm, approaches, numbers_of
 from protocols.procedure import Step, leg_number
 from protocols.session import Reading, Session
 
-MOST = 200
+MOST_READINGS = 200
 """So many of the latest readings tell what to expect: the last four legs of the longest procedure
 that comes with the program."""
 
@@ -35,7 +35,7 @@ class ExpectedReading:
     """What one indicator should show in a step: mean and standard deviation, mm.
 
     Further off than ``limit_mm`` is questioned. ``before`` is the last reading of the mounting.
-    ``sure`` are mean and standard deviation of a machine without play: a change that only play
+    ``play_free`` are mean and standard deviation of a machine without play: a change that only play
     would bring need not come. Nor need any where the machine was ``calibrated``.
     """
 
@@ -43,7 +43,7 @@ class ExpectedReading:
     mean_mm: float
     deviation_mm: float
     limit_mm: float
-    sure: tuple[float, float]
+    play_free: tuple[float, float]
     calibrated: bool
 
     def is_beyond(self, value_mm: float) -> bool:
@@ -55,7 +55,7 @@ class ExpectedReading:
         if self.calibrated:
             return 1.0
         ends = (self.before.value_mm - rest_mm, self.before.value_mm + rest_mm)
-        mean_mm, deviation_mm = self.sure
+        mean_mm, deviation_mm = self.play_free
         low, high = ((e - mean_mm) / (deviation_mm * math.sqrt(2.0)) for e in ends)
         return 0.5 * (math.erf(high) - math.erf(low))
 
@@ -63,7 +63,7 @@ class ExpectedReading:
 class Movement(StrEnum):
     """What readings tell of a move between two steps."""
 
-    SEEN = "seen"  # a change came, or none was asked for
+    CONFIRMED = "seen"  # a change came, or none was asked for
     UNCHANGED = "unchanged"  # a change was to be seen, and none came
     UNKNOWN = "unknown"  # no change was to be seen: the readings prove nothing
 
@@ -77,7 +77,7 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReadi
     procedure, machine = session.opened.procedure, session.opened.machine
     if procedure is None or session.needs_new_zero(step):
         return ()
-    readings = session.readings[-MOST:]
+    readings = session.readings[-MOST_READINGS:]
     last = {r.mount: r for r in readings}
     mounts = [session.mountings[-1].mounts[axis] for axis in step.axes]
     if not last.keys() >= set(mounts):
@@ -86,12 +86,14 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReadi
     correlated = _correlated(session, step, time_s, mounts)
     noise_mm = max(LEAST_NOISE_MM, min(procedure.tolerance_mm, limit_mm / (2.0 * REACH)))
     noises_mm = np.full(len(readings) + len(mounts), noise_mm)
-    kept_mm = noises_mm.copy()  # whether it moved: no contradiction widens that
-    kept_mm[: len(readings)][[r.reading in session.restored for r in readings]] = limit_mm
-    sure = correlated.predict(kept_mm, worn=False)
-    for together in _contradicted(correlated, readings, limit_mm):
-        kept = [g for g in together if any(r.reading in session.restored for r in g)]
-        doubted = {r.reading for g in kept or together for r in g}
+    movement_noises_mm = noises_mm.copy()  # whether it moved: no contradiction widens that
+    movement_noises_mm[: len(readings)][[r.reading in session.restored for r in readings]] = (
+        limit_mm
+    )
+    play_free = correlated.predict(movement_noises_mm, worn=False)
+    for steps in _contradicted(correlated, readings, limit_mm):
+        restored = [g for g in steps if any(r.reading in session.restored for r in g)]
+        doubted = {r.reading for g in restored or steps for r in g}
         noises_mm[: len(readings)][[r.reading in doubted for r in readings]] = ZERO_MM
     worn = correlated.predict(noises_mm, worn=True)
     calibrated = session.opened.verifies is not None or any(machine.entered_offsets_mm)
@@ -101,10 +103,10 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReadi
             mean_mm=float(mean),
             deviation_mm=float(deviation),
             limit_mm=max(limit_mm, REACH * float(deviation)),
-            sure=(float(plain), float(spread)),
+            play_free=(float(plain), float(spread)),
             calibrated=calibrated,
         )
-        for mount, mean, deviation, plain, spread in zip(mounts, *worn, *sure, strict=True)
+        for mount, mean, deviation, plain, spread in zip(mounts, *worn, *play_free, strict=True)
     )
 
 
@@ -134,30 +136,31 @@ def contradiction(
     procedure = session.opened.procedure
     if procedure is None:
         return None
-    readings = session.readings[-MOST:]
-    now = last_readings[0]
+    readings = session.readings[-MOST_READINGS:]
+    latest = last_readings[0]
 
-    def again(group: Sequence[Reading]) -> bool:
-        return (group[0].posture_mm, group[0].station) == (now.posture_mm, now.station)
+    def is_repeat(group: Sequence[Reading]) -> bool:
+        return (group[0].posture_mm, group[0].station) == (latest.posture_mm, latest.station)
 
     ties = _contradicted(_correlated(session), readings, procedure.repeat_limit_mm)
-    tie = next((together for together in ties if any(now in group for group in together)), None)
-    alone = ties[0] if len(ties) == 1 and len(ties[0]) == 1 else None
-    if tie is None and alone is not None and again(alone[0]) and _is_here(alone[0], now):
-        return Contradiction(False, tuple(alone[0]), True)
+    tie = next((steps for steps in ties if any(latest in group for group in steps)), None)
+    single = ties[0] if len(ties) == 1 and len(ties[0]) == 1 else None
+    if tie is None and single is not None and is_repeat(single[0]) and _is_here(single[0], latest):
+        return Contradiction(False, tuple(single[0]), True)
     if not beyond:
         return None
-    here = [g for g in tie or () if now not in g and _is_here(g, now)]
-    here.sort(key=again, reverse=True)  # a repeat before others, else in their order
-    return Contradiction(True, tuple(here[0]) if here else (), bool(here) and again(here[0]))
+    candidates = [g for g in tie or () if latest not in g and _is_here(g, latest)]
+    candidates.sort(key=is_repeat, reverse=True)  # a repeat before others, else in their order
+    candidate = tuple(candidates[0]) if candidates else ()
+    return Contradiction(True, candidate, bool(candidate) and is_repeat(candidate))
 
 
-def _is_here(step: Sequence[Reading], now: Reading) -> bool:
+def _is_here(step: Sequence[Reading], latest: Reading) -> bool:
     """Whether a step was read where the stand is."""
-    return any(r.set_up == now.set_up for r in step)
+    return any(r.set_up == latest.set_up for r in step)
 
 
-def since_last_seen(session: Session) -> tuple[Reading, ...]:
+def since_last_repeat(session: Session) -> tuple[Reading, ...]:
     """What was read where the stand is since it was last seen where it had been.
 
     It is seen by a reading that repeats one from before; without any that is the first step. So
@@ -165,22 +168,22 @@ def since_last_seen(session: Session) -> tuple[Reading, ...]:
     """
     procedure = session.opened.procedure
     mounts = set(session.mountings[-1].mounts.values()) if session.mountings else set()
-    here = [r for r in session.readings if r.mount in mounts]
-    steps = [[r for r in here if r.step == n] for n in dict.fromkeys(r.step for r in here)]
+    mounted = [r for r in session.readings if r.mount in mounts]
+    steps = [[r for r in mounted if r.step == n] for n in dict.fromkeys(r.step for r in mounted)]
     limit_mm = procedure.repeat_limit_mm if procedure else 0.0
     last_place = 0
     for k, latest in enumerate(steps):
-        if any(_repeats(latest, before, limit_mm) for before in steps[: min(last_place + 1, k)]):
+        if any(_repeats(latest, earlier, limit_mm) for earlier in steps[: min(last_place + 1, k)]):
             last_place = k
     return tuple(r for step in steps[last_place + 1 :] for r in step)
 
 
-def _repeats(latest: Sequence[Reading], before: Sequence[Reading], limit_mm: float) -> bool:
+def _repeats(latest: Sequence[Reading], earlier: Sequence[Reading], limit_mm: float) -> bool:
     """Whether two steps of one mounting show the same, but for a drift."""
-    if (latest[0].posture_mm, latest[0].station) != (before[0].posture_mm, before[0].station):
+    if (latest[0].posture_mm, latest[0].station) != (earlier[0].posture_mm, earlier[0].station):
         return False
-    drift_mm = DRIFT_MM_S * ((latest[0].time_s or 0.0) - (before[0].time_s or 0.0))
-    pairs = zip(latest, before, strict=False)
+    drift_mm = DRIFT_MM_S * ((latest[0].time_s or 0.0) - (earlier[0].time_s or 0.0))
+    pairs = zip(latest, earlier, strict=False)
     return all(abs(a.value_mm - b.value_mm) <= limit_mm + drift_mm for a, b in pairs)
 
 
@@ -188,13 +191,11 @@ def _contradicted(
     correlated: CorrelatedReadings, readings: Sequence[Reading], limit_mm: float
 ) -> list[list[list[Reading]]]:
     """Steps, as their readings, that the others contradict: `CorrelatedReadings.contradicted`."""
-    keys = [(r.step or 0, 0 if r.step else r.reading) for r in readings]
-    number = {key: k for k, key in enumerate(dict.fromkeys(keys))}
-    group = np.array([number[key] for key in keys], dtype=np.intp)
+    group = numbers_of([(r.step or 0, 0 if r.step else r.reading) for r in readings])
     noise_mm = max(LEAST_NOISE_MM, limit_mm / (math.sqrt(2.0) * REACH))  # of each of two repeats
     return [
-        [[r for r, g in zip(readings, group, strict=True) if g == k] for k in together]
-        for together in correlated.contradicted(group, noise_mm, limit_mm, REACH)
+        [[r for r, g in zip(readings, group, strict=True) if g == k] for k in steps]
+        for steps in correlated.contradicted(group, noise_mm, limit_mm, REACH)
     ]
 
 
@@ -203,20 +204,18 @@ def _correlated(
 ) -> CorrelatedReadings:
     """The latest readings that count, with those of a step at this time on these ``mounts``."""
     machine = session.opened.machine
-    readings = session.readings[-MOST:]
-    number = {name: k for k, name in enumerate(dict.fromkeys(r.mount for r in readings))}
-    due = [(step, axis) for axis in step.axes] if step else []
-    places: list[tuple[Reading | Step, str]] = [*((r, r.axis) for r in readings), *due]
-    names = [*(r.mount for r in readings), *mounts]
+    readings = session.readings[-MOST_READINGS:]
+    places_due = [(step, axis) for axis in step.axes] if step else []
+    places: list[tuple[Reading | Step, str]] = [*((r, r.axis) for r in readings), *places_due]
     observations = conditions(
         [leg_number(place.leg) for place, _ in places],
         [leg_number(axis) for _, axis in places],
         [place.displacement_mm for place, _ in places],
         station=[place.station for place, _ in places],
-        mount=[number[name] for name in names],
+        mount=numbers_of([*(r.mount for r in readings), *mounts]).tolist(),
         position_mm=[place.position_mm or ZERO for place, _ in places],
     )
-    sides = approaches(session)[-MOST:]
+    sides = approaches(session)[-MOST_READINGS:]
     last = {r.mount: (r, side) for r, side in zip(readings, sides, strict=True)}
     for mount in mounts:  # what does not move stays as it came
         before, side = last[mount]
@@ -238,7 +237,7 @@ def _correlated(
 
 def movement(
     step: Step,
-    due: Sequence[ExpectedReading],
+    expectations: Sequence[ExpectedReading],
     values_mm: Sequence[float],
     rests_mm: Sequence[float],
     time_s: float,
@@ -247,17 +246,19 @@ def movement(
 
     ``rests_mm`` is how far each indicator's readings differ while nothing moves; drift comes to it.
     """
-    if not due:
+    if not expectations:
         return Movement.UNKNOWN
-    earlier = due[0].before
+    earlier = expectations[0].before
     if (earlier.posture_mm, earlier.station) == (step.posture_mm, step.station):
-        return Movement.SEEN
-    drift_mm = DRIFT_MM_S * max(0.0, time_s - (due[0].before.time_s or 0.0))
+        return Movement.CONFIRMED
+    drift_mm = DRIFT_MM_S * max(0.0, time_s - (earlier.time_s or 0.0))
     bands = [rest_mm + drift_mm for rest_mm in rests_mm]
     hidden = math.prod(
-        reading.chance_within(band) for reading, band in zip(due, bands, strict=True)
+        reading.chance_within(band) for reading, band in zip(expectations, bands, strict=True)
     )
-    changes = (abs(v - reading.before.value_mm) for v, reading in zip(values_mm, due, strict=True))
+    changes = (
+        abs(v - reading.before.value_mm) for v, reading in zip(values_mm, expectations, strict=True)
+    )
     if any(change > band for change, band in zip(changes, bands, strict=True)):
-        return Movement.SEEN if hidden < 0.5 else Movement.UNKNOWN
+        return Movement.CONFIRMED if hidden < 0.5 else Movement.UNKNOWN
     return Movement.UNCHANGED if hidden < HIDDEN else Movement.UNKNOWN

@@ -16,7 +16,7 @@ from typing import Literal
 
 from calib.errors import RecordError, UsageError
 
-Written = Mapping[str, str | bytes]
+Contents = Mapping[str, str | bytes]
 """Contents of files by their names; '' is the path itself."""
 
 STANDARD_OUTPUT = Path("-")
@@ -97,7 +97,7 @@ def write_new(path: Path, content: bytes) -> io.FileIO:
         _check_content(file, content)
         sync_folder(path.parent)
     except BaseException:
-        remove_own(path, file)
+        remove_open(path, file)
         raise
     return file
 
@@ -108,7 +108,7 @@ def _check_content(file: io.FileIO, content: bytes) -> None:
         raise OSError(errno.EIO, "other bytes on the disk than were written")
 
 
-def remove_own(path: Path, file: io.FileIO) -> None:
+def remove_open(path: Path, file: io.FileIO) -> None:
     """Close a file and take its name away, if it still is the file of that name."""
     with suppress(OSError):  # else it stays, and the next one gets another name
         is_ours = leads_to(path, file)
@@ -197,7 +197,7 @@ class FilesThere(UsageError):
         super().__init__(self.words, next_step="Give another name, or --force to replace")
 
 
-def check_targets(targets: Iterable[Path], *, replace: bool = False) -> None:
+def check_targets(targets: Iterable[Path], *, replace: bool) -> None:
     """Raises UsageError for a target that must not be replaced, FilesThere unless others may be."""
     paths = list(targets)
     if any(target.parts[:1] == STANDARD_OUTPUT.parts for target in paths):
@@ -214,7 +214,7 @@ def check_targets(targets: Iterable[Path], *, replace: bool = False) -> None:
         raise FilesThere(existing)
 
 
-def write_files(path: Path, contents: Written, *, replace: bool = False) -> list[Path]:
+def write_files(path: Path, contents: Contents, *, replace: bool = False) -> list[Path]:
     """Write one file at ``path``, or several into the folder ``path``: all of them or none.
 
     Every file that a person asks for is written here. None is written through a link: a target
@@ -303,14 +303,14 @@ def _aside(part: Path) -> Path:
 def _what_stands_there(staged: dict[Path, Path]) -> str:
     """Which files are new, and which old ones have another name: for a person to put right."""
     new = [target.name for target, part in staged.items() if not part.exists()]
-    aside = [old.name for part in staged.values() if (old := _aside(part)).exists()]
+    moved = [old.name for part in staged.values() if (old := _aside(part)).exists()]
     return (
         f"The old files could not be restored. New: {', '.join(new) or 'none'}. Old, under "
-        f"another name: {', '.join(aside) or 'none'}. Export again before the controller reads them"
+        f"another name: {', '.join(moved) or 'none'}. Export again before the controller reads them"
     )
 
 
-def targets_of(path: Path, contents: Written) -> dict[Path, str | bytes]:
+def targets_of(path: Path, contents: Contents) -> dict[Path, str | bytes]:
     """The contents by the paths of their files."""
     return {path / name if name else path: content for name, content in contents.items()}
 

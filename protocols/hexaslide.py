@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterable
 from io import StringIO
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
@@ -50,11 +50,12 @@ from protocols.documents import (
     Name,
     Words,
     describe,
+    read_json,
     read_text,
     read_toml,
+    toml_text,
     with_serial_number,
 )
-from protocols.files import RECORD_START, open_to_read
 
 Metres = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -236,12 +237,12 @@ class HexaSlideMachine(Document):
 
     @property
     def title(self) -> str:
-        """By it the sessions of a machine are put together, calibrated or not."""
+        """The name under which sessions of a machine are put together, calibrated or not."""
         return with_serial_number(self.before_calibration, self.serial_number)
 
     @property
     def full_name(self) -> str:
-        """Its name, with its serial number where one is stated."""
+        """The name, with its serial number where one is stated."""
         return with_serial_number(self.name, self.serial_number)
 
     @field_validator("chain")
@@ -283,20 +284,7 @@ class HexaSlideMachine(Document):
 
 def machine_text(machine: HexaSlideMachine, comments: Iterable[str]) -> str:
     """The machine file below ``comments``, a line each."""
-    lines = [*(f"# {line}".rstrip() for line in comments)]
-    tables: list[tuple[str, Document]] = [("[[chain]]", chain) for chain in machine.chain]
-    tables.append(("[box]", machine.box))
-    if machine.constraint_link is not None:
-        tables.append(("[constraint_link]", machine.constraint_link))
-    tables.append(("[tolerances]", machine.tolerances))
-    lines.append(f'schema = "{machine.schema_id}"')
-    for key in ("name", "serial_number", "place", "platform_tolerance_mm", "lead_mm"):
-        if (value := getattr(machine, key)) is not None:
-            lines.append(f"{key} = {json.dumps(value)}")
-    for heading, table in tables:
-        values = table.model_dump(mode="json", exclude_none=True)
-        lines += ["", heading, *(f"{key} = {json.dumps(value)}" for key, value in values.items())]
-    return "\n".join(lines) + "\n"
+    return toml_text(machine.model_dump(mode="json", exclude_none=True), comments)
 
 
 def _geometry(chain: tuple[Chain, ...]) -> Geometry:
@@ -329,7 +317,7 @@ class Posture(Document):
     phi_deg: Angle
 
 
-class _Written(BaseModel):
+class PostureList(BaseModel):
     """The part of a ``glidecal.postures/1`` document that counts here."""
 
     model_config = ConfigDict(strict=True, allow_inf_nan=False)
@@ -338,6 +326,7 @@ class _Written(BaseModel):
 
 
 COLUMNS = tuple(Posture.model_fields)
+POSTURES_WITH_COLUMNS = f"1 to {MOST_POSTURES} postures with the columns {', '.join(COLUMNS)}"
 
 
 def load_postures(path: Path) -> FloatArray:
@@ -345,22 +334,17 @@ def load_postures(path: Path) -> FloatArray:
 
     Raises RecordError naming the line.
     """
-    text = read_text(path, "posture file")
-    postures = _from_json(path, text) if path.suffix == ".json" else _from_table(path, text)
+    if path.suffix == ".json":
+        postures = read_json(path, PostureList, "posture file", POSTURES_WITH_COLUMNS).postures
+    else:
+        postures = _from_table(path)
     rows = np.array([[getattr(posture, name) for name in COLUMNS] for posture in postures])
     rows[:, 3:] = np.radians(rows[:, 3:])
     return rows
 
 
-def _from_json(path: Path, text: str) -> tuple[Posture, ...]:
-    try:
-        return _Written.model_validate_json(text).postures
-    except ValidationError as problem:
-        raise _refused(path, reason=describe(problem)) from problem
-
-
-def _from_table(path: Path, text: str) -> tuple[Posture, ...]:
-    reader = csv.DictReader(StringIO(text))
+def _from_table(path: Path) -> tuple[Posture, ...]:
+    reader = csv.DictReader(StringIO(read_text(path, "posture file")))
     if set(reader.fieldnames or ()) != set(COLUMNS):
         raise _refused(path, f"line 1: columns {', '.join(reader.fieldnames or ()) or 'none'}")
     postures = []
@@ -378,25 +362,20 @@ def _from_table(path: Path, text: str) -> tuple[Posture, ...]:
 
 
 def _refused(path: Path, value: str = "", *, reason: str = "") -> RecordError:
-    return RecordError(
-        f"posture file {path}",
-        value,
-        f"1 to {MOST_POSTURES} postures with the columns {', '.join(COLUMNS)}",
-        reason=reason,
-    )
+    return RecordError(f"posture file {path}", value, POSTURES_WITH_COLUMNS, reason=reason)
 
 
 MeasurementsSchema = Literal["glidecal.hexaslide-measurements/1"]
 TruthSchema = Literal["glidecal.hexaslide-truth/1"]
 SCHEMA: MeasurementsSchema = "glidecal.hexaslide-measurements/1"
 TRUTH_SCHEMA: TruthSchema = "glidecal.hexaslide-truth/1"
-EACH_OWN_LINE = ",\n  "
+ROW_SEPARATOR = ",\n  "
+WHOLE_FILE = "a whole file as glidecal simulate --machine hexaslide writes it"
 NUMBER_OF_POSTURE = re.compile(r"postures\.(\d+)")
 
-MOST_READ = 100.0
-Value = Annotated[float, Field(ge=-MOST_READ, le=MOST_READ)]
+LARGEST_VALUE = 100.0
+Value = Annotated[float, Field(ge=-LARGEST_VALUE, le=LARGEST_VALUE)]
 NoiseFigure = Annotated[float, Field(ge=0.0, le=100.0)]
-D = TypeVar("D", bound=BaseModel)
 
 
 class MeasuringNoise(Document):
@@ -468,7 +447,7 @@ class HexaSlideMeasurements(Document):
         return stated.on(self.machine.whole())
 
     def readings(self) -> Readings:
-        """As arrays, metres and radians."""
+        """The measurements as arrays, metres and radians."""
         return Readings(
             self.as_procedure(),
             np.array([posture.sliders for posture in self.postures]),
@@ -485,7 +464,7 @@ class HexaSlideMeasurements(Document):
     def text(self) -> str:
         """The file: a header, then one posture a line."""
         header = self.model_dump(mode="json", exclude={"postures"})
-        rows = EACH_OWN_LINE.join(posture.model_dump_json() for posture in self.postures)
+        rows = ROW_SEPARATOR.join(posture.model_dump_json() for posture in self.postures)
         return f'{_lines(header)},\n "postures": [\n  {rows}\n ]\n}}\n'
 
 
@@ -509,21 +488,17 @@ def _lines(header: dict[str, object]) -> str:
 
 def read_measurements(path: Path) -> HexaSlideMeasurements:
     """Raises RecordError naming the file, the place, the value and what is allowed."""
-    return _read(path, HexaSlideMeasurements, "measurements")
-
-
-def is_record(path: Path) -> bool:
-    """Whether a file begins as a record; False where it cannot be read."""
+    text = read_text(path, "measurements")
     try:
-        with open_to_read(path) as file:
-            return file.read(len(RECORD_START)) == RECORD_START
-    except OSError:
-        return False
+        return HexaSlideMeasurements.model_validate_json(text)
+    except ValidationError as problem:
+        fault = NUMBER_OF_POSTURE.sub(lambda at: f"posture {int(at[1]) + 1}", describe(problem))
+        raise RecordError(f"measurements {path}", reason=fault, allowed=WHOLE_FILE) from problem
 
 
 def read_truth(path: Path, measured: HexaSlideMeasurements) -> HexaSlideMachine:
     """The true machine. Raises RecordError, also for the truth of other measurements."""
-    truth = _read(path, HexaSlideTruth, "truth file")
+    truth = read_json(path, HexaSlideTruth, "truth file", WHOLE_FILE)
     if truth.measurements_sha256 != measured.digest():
         raise RecordError(
             f"truth file {path}",
@@ -531,16 +506,6 @@ def read_truth(path: Path, measured: HexaSlideMeasurements) -> HexaSlideMachine:
             "the file that simulate --truth wrote together with the measurements",
         )
     return truth.machine
-
-
-def _read(path: Path, kind: type[D], subject: str) -> D:
-    text = read_text(path, subject)
-    try:
-        return kind.model_validate_json(text)
-    except ValidationError as problem:
-        fault = NUMBER_OF_POSTURE.sub(lambda at: f"posture {int(at[1]) + 1}", describe(problem))
-        requirement = "a whole file as glidecal simulate --machine hexaslide writes it"
-        raise RecordError(f"{subject} {path}", reason=fault, allowed=requirement) from problem
 
 
 def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> HexaSlideMachine:
@@ -570,6 +535,6 @@ def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> He
 
 
 def _point(values_m: Numbers) -> Point:
-    """In millimetres."""
+    """A point in millimetres."""
     x, y, z = (1000.0 * float(value) for value in values_m)
     return (x, y, z)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from protocols.hexaslide import HexaSlideMeasurements, is_record, read_measurements
+from protocols.files import RECORD_START
+from protocols.hexaslide import HexaSlideMeasurements, read_measurements
+from protocols.machine_files import beginning_of
 
 
 def measured_in(path: Path) -> HexaSlideMeasurements:
     """Measured postures of a session, or of a file in metres and radians that older programs and
     ``simulate`` write. Raises RecordError.
     """
-    if not is_record(path):
+    if not beginning_of(path).startswith(RECORD_START):
         return read_measurements(path)
     # records load the machines that are read on their legs, which a file needs not
     from protocols.hexaslide_session import read_postures

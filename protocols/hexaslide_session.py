@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal, cast, get_args
 
@@ -22,7 +21,6 @@ from calib.hexaslide.procedures import ANGLES, Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
 from calib.hexaslide.simulation import SimulatedHexaSlide, on_link
 from protocols.data_table import NUMBER
-from protocols.dates import Origin
 from protocols.documents import Celsius, Count, Document, Name, Seed, Words, read_toml
 from protocols.hexaslide import (
     MOST_POSTURES,
@@ -39,8 +37,8 @@ from protocols.hexaslide import (
     machine_like,
 )
 from protocols.machine_files import beginning_of
-from protocols.record import Record, RecordForm, read_record
-from protocols.session import Closed, Line, Noted, Skipped, Superseded
+from protocols.record import Meaning, Record, RecordForm, read_record
+from protocols.session import Beginning, Closed, Line, Noted, Skipped, Superseded
 
 SessionSchema = Literal[
     "glidecal.hexaslide-session/1",
@@ -51,7 +49,6 @@ SessionSchema = Literal[
 """Of 1 every chain has a rail; from 3 on the day of an imported table can be stated, from 4 on the
 machine's serial number and place."""
 
-NAME, NUMBER_OF_SCHEMA = "glidecal.hexaslide-session", len(get_args(SessionSchema))
 SCHEMA_ID: SessionSchema = get_args(SessionSchema)[-1]
 PROCEDURES = Path(__file__).with_name("hexaslide_procedures")
 
@@ -96,17 +93,17 @@ class PostureProcedure(Document):
         return Procedure.of(self.kind.value, self.measured)
 
     def in_metres(self) -> FloatArray:
-        """Its postures ``(p, 6)``, metres and radians."""
+        """Postures of the procedure ``(p, 6)``, metres and radians."""
         rows = np.array(self.postures).reshape(-1, 6)
         return np.hstack([rows[:, :3] / 1000.0, np.radians(rows[:, 3:])])
 
     def with_postures(self, postures: FloatArray) -> PostureProcedure:
-        """The same in postures ``(p, 6)``, metres and radians."""
+        """The procedure in postures ``(p, 6)``, metres and radians."""
         rows = np.hstack([1000.0 * postures[:, :3], np.degrees(postures[:, 3:])])
         return self.model_copy(update={"postures": tuple(map(tuple, rows.round(6).tolist()))})
 
     def with_noise(self, noise_mm: float | None, noise_deg: float | None) -> PostureProcedure:
-        """The same with another noise, None: as it is. Raises UsageError where one alone is 0."""
+        """The procedure with another noise, None: as it is. Raises UsageError for one 0 alone."""
         length_mm = self.noise_mm if noise_mm is None else noise_mm
         angle_deg = self.noise_deg if noise_deg is None else noise_deg
         if (length_mm == 0.0) != (angle_deg == 0.0):
@@ -116,7 +113,7 @@ class PostureProcedure(Document):
 
 
 def procedure_names() -> tuple[str, ...]:
-    """Those that come with the program."""
+    """Names of the procedures that come with the program."""
     return tuple(sorted(path.stem for path in PROCEDURES.glob("*.toml")))
 
 
@@ -170,7 +167,7 @@ class PostureCommands:
     sliders_mm: FloatArray
 
     def of(self, posture: int) -> SixMm:
-        """Those of a posture, counted from 1."""
+        """Commands of a posture, counted from 1."""
         return cast("SixMm", tuple(self.sliders_mm[posture - 1].round(4).tolist()))
 
 
@@ -184,10 +181,10 @@ def typed_values(text: str, procedure: Procedure) -> tuple[SixMm | None, Values]
     words = text.split()
     units = "mm, angles in degrees" if set(procedure.measured) & set(ANGLES) else "mm"
     allowed = f"{len(names)} numbers: {', '.join(names)}, in {units}"
-    wrong = [word for word in words if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]
-    if wrong:
-        hint = "Write decimals with a point, spaces between." if "," in wrong[0] else ""
-        raise UsageError("the input", repr(wrong[0]), allowed, hint)
+    faults = [word for word in words if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]
+    if faults:
+        hint = "Write decimals with a point, spaces between." if "," in faults[0] else ""
+        raise UsageError("the input", repr(faults[0]), allowed, hint)
     if len(words) != len(names):
         raise UsageError("the input", f"{len(words)} numbers", allowed)
     numbers = tuple(float(word) for word in words)
@@ -220,16 +217,16 @@ class SimulatedPostures:
     def __init__(
         self,
         machine: HexaSlideMachine,
-        asked: PostureCommands,
+        planned: PostureCommands,
         seed: int,
         truth: HexaSlideMachine | None = None,
     ) -> None:
-        procedure = asked.procedure.whole().on(machine.whole())
+        procedure = planned.procedure.whole().on(machine.whole())
         tolerances = machine.tolerances.of(procedure.parameters)
         true = None if truth is None else truth.whole()
         self._machine = SimulatedHexaSlide(procedure, machine.whole(), tolerances, seed, true)
-        self._asked = asked
-        stated = asked.procedure
+        self._planned = planned
+        stated = planned.procedure
         self._noise = np.array([stated.noise_mm / 1000.0, np.radians(stated.noise_deg)])
 
     @property
@@ -241,28 +238,24 @@ class SimulatedPostures:
         """What is typed in a posture, counted from 1, the first time or later. Raises as
         `SimulatedHexaSlide.read`.
         """
-        planned, procedure = self._asked, self._asked.procedure.whole()
-        where = planned.procedure.in_metres()[posture - 1]
+        planned, procedure = self._planned, self._planned.procedure.whole()
+        posture_m = planned.procedure.in_metres()[posture - 1]
         target_m = np.array(planned.of(posture)) / 1000.0
-        sliders, values = self._machine.read(where, target_m, posture, attempt, self._noise)
+        sliders, values = self._machine.read(posture_m, target_m, posture, attempt, self._noise)
         angular = np.array([name in ANGLES for name in procedure.measured], dtype=bool)
-        values_shown = np.where(angular, np.degrees(values), 1000.0 * values)
-        numbers = [*(1000.0 * sliders if procedure.has_rigid_link else []), *values_shown]
+        display_values = np.where(angular, np.degrees(values), 1000.0 * values)
+        numbers = [*(1000.0 * sliders if procedure.has_rigid_link else []), *display_values]
         return " ".join(f"{number:.5f}" for number in numbers)
 
 
-class PosturesOpened(Line):
+class PosturesOpened(Beginning):
     """First line: the schema, and everything known before measuring.
 
     ``truth`` is the simulated machine where it is that of an earlier session; else it comes from
     ``seed``. ``indicator`` is ``PROFILE:PORT``.
     """
 
-    event: Literal["opened"] = "opened"
     schema_id: SessionSchema = Field(alias="schema", default=SCHEMA_ID)
-    program: Name
-    origin: Origin
-    measured_on: date | None = None
     machine: HexaSlideMachine
     machine_file: Name
     procedure: PostureProcedure
@@ -305,47 +298,36 @@ PostureEvent = Annotated[
 POSTURE_EVENT: TypeAdapter[PostureEvent] = TypeAdapter(PostureEvent)
 
 
-class _OfPostures:
-    """Readings count up, have the values that are measured, and name postures that there are."""
+class PostureMeaning(Meaning):
+    """Readings have the values that are measured, too, and name postures that there are."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._readings = 0
+        super().__init__(path)
         self._opened: PosturesOpened | None = None
 
     def check(self, number: int, event: PostureEvent) -> None:
         """Raises RecordError with the line number."""
-        subject = f"session {self._path}, line {number}"
         if isinstance(event, PosturesOpened):
             self._opened = event
         elif isinstance(event, PostureReading):
-            self._readings += 1
-            self._check_reading(subject, event)
-        elif isinstance(event, Superseded):
-            missing = [n for n in event.readings if not 1 <= n <= self._readings]
-            if missing:
-                fault = f"reading {missing[0]} superseded before it was taken"
-                raise RecordError(subject, fault, f"1 … {self._readings}")
+            self.count(number, event.reading)
+            self._check_reading(number, event)
+        else:
+            super().check(number, event)
 
-    def _check_reading(self, subject: str, event: PostureReading) -> None:
+    def _check_reading(self, number: int, event: PostureReading) -> None:
         assert self._opened is not None, "line 1 opens"
         procedure = self._opened.procedure
-        if event.reading != self._readings:
-            raise RecordError(subject, f"reading {event.reading}", f"reading {self._readings}")
         count = len(procedure.whole().measured)
         if len(event.values) != count:
-            raise RecordError(subject, f"{len(event.values)} values", f"{count} are measured")
+            raise self.error(number, f"{len(event.values)} values", f"{count} are measured")
         if procedure.postures and event.posture > len(procedure.postures):
             allowed = f"1 … {len(procedure.postures)}, as in the procedure"
-            raise RecordError(subject, f"posture {event.posture}", allowed)
-
-
-def _continued(program: str, torn_bytes: int) -> Line:
-    return PosturesContinued(program=program, torn_bytes=torn_bytes)
+            raise self.error(number, f"posture {event.posture}", allowed)
 
 
 POSTURE_FORM = RecordForm(
-    NAME, NUMBER_OF_SCHEMA, POSTURE_EVENT, PosturesOpened, _continued, _OfPostures
+    SCHEMA_ID, POSTURE_EVENT, PosturesOpened, PosturesContinued, PostureMeaning
 )
 """Of sessions of postures."""
 

@@ -83,7 +83,7 @@ def readings_of_table(
     header = _header(path, *rows[0], measured)
     factors = _factors(path, *rows[1], header)
     readings: list[PostureReading] = []
-    read_lines: list[int] = []
+    line_numbers: list[int] = []
     empty = 0
     for line, row in rows[2:]:
         if len(row) > len(header):
@@ -100,7 +100,7 @@ def readings_of_table(
             for name, factor in factors.items()
         }
         _check_travel(path, line, values, machine)
-        read_lines.append(line)
+        line_numbers.append(line)
         readings.append(
             PostureReading(
                 reading=len(readings) + 1,
@@ -118,7 +118,7 @@ def readings_of_table(
     first_lines: dict[tuple[SixMm, Values], int] = {}
     copies = [
         f"{line}"
-        for line, reading in zip(read_lines, readings, strict=True)
+        for line, reading in zip(line_numbers, readings, strict=True)
         if first_lines.setdefault((reading.sliders_mm, reading.values), line) != line
     ]
     if copies:
@@ -126,7 +126,7 @@ def readings_of_table(
             f"lines with all numbers of an earlier one: {', '.join(copies[:MOST_NAMED])}"
             f"{' …' if len(copies) > MOST_NAMED else ''}; each is used as a reading of its own"
         )
-    return PostureTable(tuple(readings), tuple(read_lines), tuple(remarks))
+    return PostureTable(tuple(readings), tuple(line_numbers), tuple(remarks))
 
 
 def _header(path: Path, line: int, names: list[str], measured: Sequence[str]) -> list[str]:
@@ -148,7 +148,7 @@ def _header(path: Path, line: int, names: list[str], measured: Sequence[str]) ->
 
 
 def _factors(path: Path, line: int, cells: list[str], header: list[str]) -> dict[str, float]:
-    """By column, what makes millimetres and degrees of its numbers. Raises RecordError."""
+    """What makes millimetres and degrees of the numbers, by column. Raises RecordError."""
     factors = {}
     for name, unit in zip(header, [*cells, *[""] * len(header)], strict=False):
         is_used = name in SLIDERS or name in MEASURABLE or name == "length"
@@ -180,8 +180,8 @@ def _number(path: Path, line: int, name: str, cell: str, factor: float, semicolo
     return value
 
 
-def _posture(path: Path, line: int, cells: dict[str, str], otherwise: int) -> int:
-    cell = cells.get("posture", "") or str(otherwise)
+def _posture(path: Path, line: int, cells: dict[str, str], usual: int) -> int:
+    cell = cells.get("posture", "") or str(usual)
     if not cell.isdecimal() or not 1 <= int(cell) <= MOST_POSTURES:
         subject = f"table {path}, line {line}, column posture"
         raise RecordError(subject, cell, f"its number, 1 … {MOST_POSTURES}")

@@ -22,7 +22,7 @@ from protocols.record import (
     count_readings,
     digest_of,
 )
-from protocols.session import FIRST_DIGEST, Closed, Event, Line
+from protocols.session import FIRST_DIGEST, Closed, Event, Line, local_now
 
 TAIL_BYTES = 4096
 """So much of the end of the file is looked at before it grows."""
@@ -35,7 +35,7 @@ class Journal:
     by another program, it is written again, under its name or beside it.
     """
 
-    def __init__(self, path: Path, file: io.FileIO, form: RecordForm = SESSION_FORM) -> None:
+    def __init__(self, path: Path, file: io.FileIO, form: RecordForm) -> None:
         self.path = path
         self._file = file
         self._form = form
@@ -95,11 +95,17 @@ class Journal:
         journal._content = bytearray(content[: record.whole_bytes])
         if record.torn_bytes:
             journal._unsure = content[record.whole_bytes :]
-            aside = files.unused_path(path.with_name(f"{path.name}.torn"))
-            files.close(files.write_new(aside, journal._unsure))
-        continued = form.continued(program, record.torn_bytes)
-        paused_s = (continued.at - record.events[-1].at).total_seconds()
-        journal.append(continued.model_copy(update={"paused_s": round(paused_s, 3)}))
+            torn_path = files.unused_path(path.with_name(f"{path.name}.torn"))
+            files.close(files.write_new(torn_path, journal._unsure))
+        now = local_now()
+        continued = form.continued(
+            at=now,
+            schema=form.schema,
+            program=program,
+            torn_bytes=record.torn_bytes,
+            paused_s=round((now - record.events[-1].at).total_seconds(), 3),
+        )
+        journal.append(continued)
         return journal
 
     @property
@@ -134,7 +140,13 @@ class Journal:
         lines: list[bytes] = []
         for number, event in enumerate(events, start=len(self._events) + 1):
             chained = event.model_copy(update={"line": number, "previous": digest, "seal": ""})
-            unsealed = _encoded(chained)  # its own key comes before all text of the event
+            try:
+                unsealed = chained.model_dump_json(exclude_none=True).encode()
+            except PydanticSerializationError as problem:
+                raise RecordError(
+                    "session", "text that is not Unicode", "Unicode text"
+                ) from problem
+            # its own key comes before all text of the event
             seal = f'"seal":"{digest_of(unsealed)}"'.encode()
             lines.append(unsealed.replace(b'"seal":""', seal, 1))
             digest = digest_of(lines[-1])
@@ -166,7 +178,7 @@ class Journal:
         try:
             fresh = files.write_new(self.path, bytes(self._content))
         except OSError as problem:
-            self._stop(f"removed or replaced; writing it again: {problem.strerror or problem}")
+            self._stop(f"removed or replaced; writing it again: {files.reason_of(problem)}")
         files.close(self._file)
         self._file, self._unsure = fresh, b""
 
@@ -226,27 +238,20 @@ class Journal:
             with suppress(OSError):  # a torn line is set aside later
                 self._cut_off()
         except OSError as problem:
-            self._stop(f"a disk that does not answer: {problem.strerror or problem}")
+            self._stop(f"a disk that does not answer: {files.reason_of(problem)}")
         finally:
             files.close(self._file)
 
     def discard(self) -> None:
         """Let go of the file and remove it: nobody was told of anything in it."""
         if not self._file.closed:
-            files.remove_own(self.path, self._file)
+            files.remove_open(self.path, self._file)
 
 
 def _is_record(path: Path, content: bytes, form: RecordForm) -> bool:
     with suppress(RecordError):
         return bool(check_record(path, content, form))
     return False
-
-
-def _encoded(event: Line) -> bytes:
-    try:
-        return event.model_dump_json(exclude_none=True).encode()
-    except PydanticSerializationError as problem:
-        raise RecordError("session", "text that is not Unicode", "Unicode text") from problem
 
 
 def write_whole(
@@ -315,7 +320,7 @@ def _lock(path: Path, file: io.FileIO) -> None:
     except OSError as problem:
         raise RecordError(
             f"session {path}",
-            f"a file that cannot be locked: {problem.strerror or problem}",
+            f"a file that cannot be locked: {files.reason_of(problem)}",
             "a folder whose file system has locks",
             "Record on a disk of this computer and copy the closed session.",
         ) from problem

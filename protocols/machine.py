@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable
 from operator import ge
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -19,6 +18,7 @@ from calib.tripod.effects.drives import geometry_tolerances
 from calib.tripod.effects.effect import Effect
 from calib.tripod.geometry import USABLE_BAR, Geometry
 from protocols.documents import (
+    LARGEST_MM,
     ZERO,
     Day,
     Document,
@@ -31,11 +31,12 @@ from protocols.documents import (
     read_text,
     read_toml,
     refuse_empty,
+    toml_text,
     with_serial_number,
 )
 from protocols.machine_files import SCHEMA, USUAL_MACHINE, machine_files, machine_names, schema_of
 
-Length = Annotated[float, Field(ge=0.001, le=100_000.0)]
+Length = Annotated[float, Field(ge=0.001, le=LARGEST_MM)]
 
 LEAST_LENGTH = 1e-6
 """A shorter vector tells no direction."""
@@ -243,16 +244,14 @@ class Machine(Document):
     @model_validator(mode="after")
     def _possible(self) -> Machine:
         try:
-            self.geometry()
+            geometry = self.geometry()
         except CalibrationError as problem:
             raise ValueError(str(problem)) from problem
         if self.rail_mm and self.rail_mm[0] >= self.rail_mm[1]:
             raise ValueError("rail_mm: the nearer end first, then the other")
         if self.home_offset_mm and self.position_endstop_mm:
             raise ValueError("home_offset_mm and position_endstop_mm: the same switches; state one")
-        if self.radius_tolerance_mm and (
-            not self.across_tolerance_mm or self.geometry().common_zero
-        ):
+        if self.radius_tolerance_mm and (not self.across_tolerance_mm or geometry.common_zero):
             raise ValueError(
                 "radius_tolerance_mm: of towers around the middle, beside across_tolerance_mm"
             )
@@ -262,7 +261,7 @@ class Machine(Document):
 
     @property
     def title(self) -> str:
-        """Its name, with its serial number where one is stated."""
+        """The name, with its serial number where one is stated."""
         return with_serial_number(self.name, self.serial_number)
 
     def home_at_mm(self) -> Triple | None:
@@ -277,7 +276,7 @@ class Machine(Document):
         return x, y, z
 
     def holding_steps(self, steps: Triple | None) -> Machine:
-        """The same where firmware holds these ``steps``: mm for a turn, or steps per mm.
+        """The machine where firmware holds these ``steps``: mm for a turn, or steps per mm.
 
         None: as the file states. Raises UsageError for a step that is no positive number.
         """
@@ -308,7 +307,7 @@ class Machine(Document):
         return self.rail_mm or (zero_mm + self.travel_min_mm, zero_mm + self.travel_max_mm)
 
     def with_drives_of(self, geometry: Geometry) -> Machine:
-        """The same machine with the drives' lines of a geometry, to 0.1 µm and 0.1 µrad."""
+        """The machine with the drives' lines of a geometry, to 0.1 µm and 0.1 µrad."""
         lines = zip(geometry.origin_mm, geometry.direction, strict=True)
         x, y, z = (
             drive.model_copy(update={"origin_mm": _rounded(at, 4), "direction": _rounded(way, 7)})
@@ -358,20 +357,7 @@ class Machine(Document):
 def machine_text(machine: Machine, comments: Iterable[str]) -> str:
     """The machine file below ``comments``, a line each; defaults are left out."""
     content = machine.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-    content = {"name": machine.name, **content}
-    lines = [*(f"# {line}".rstrip() for line in comments), f'schema = "{machine.schema_id}"']
-    tables: list[tuple[str, dict[str, Any]]] = []
-    for key, value in content.items():
-        several = isinstance(value, list) and isinstance(value[0], dict)
-        if isinstance(value, dict):
-            tables.append((f"[{key}]", value))
-        elif several:
-            tables += [(f"[[{key}]]", entry) for entry in value]
-        else:
-            lines.append(f"{key} = {json.dumps(value)}")
-    for heading, table in tables:
-        lines += ["", heading, *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
-    return "\n".join(lines) + "\n"
+    return toml_text({"schema": machine.schema_id, "name": machine.name, **content}, comments)
 
 
 def _rounded(vector: Triple, digits: int) -> Triple:
@@ -388,8 +374,8 @@ def _import_of(path: Path) -> str:
     """What makes a machine file of a file that may be a firmware's; empty for ``.toml``."""
     if path.suffix.lower() == ".toml":
         return ""
-    written = "-o first.jsonl --machine-file-out printer.toml"
-    return f"If it is a printer's: glidecal import {path} {written}"
+    options = "-o first.jsonl --machine-file-out printer.toml"
+    return f"If it is a printer's: glidecal import {path} {options}"
 
 
 def load_machine(name_or_path: Path | str | None) -> Machine:

@@ -16,10 +16,10 @@ SCHEMA = "glidecal.machine/1"
 USUAL_MACHINE = "orthoglide"
 SCHEMA_LINE = re.compile(r'^schema[ \t]*=[ \t]*"([^"\n]{1,60})"', re.MULTILINE)
 BEGINNING_BYTES = 400
-OWN_FORM = re.compile(rb'"schema":"glidecal\.([a-z]+)-session/')
+FORM_OF_SESSION = re.compile(rb'"schema":"glidecal\.([a-z]+)-session/')
 """In the first line of a record that is none of indicators on legs."""
 
-OWN_MODEL = re.compile(rb'"schema"\s*:\s*"glidecal\.([a-z]+)-model/')
+FORM_OF_MODEL = re.compile(rb'"schema"\s*:\s*"glidecal\.([a-z]+)-model/')
 """Near the beginning of a model file of another kind of machine."""
 
 MACHINES = Path(__file__).with_name("machines")
@@ -49,13 +49,13 @@ def schema_of(text: str) -> str:
 
 def model_form(path: Path) -> str:
     """What the kind of machine of a model file is called, empty: with three linear drives."""
-    match = OWN_MODEL.search(beginning_of(path))
+    match = FORM_OF_MODEL.search(beginning_of(path))
     return match[1].decode() if match else ""
 
 
 def form_name(path: Path) -> str:
     """What the form of a record is called, empty: of indicators on legs, or no record."""
-    match = OWN_FORM.search(beginning_of(path))
+    match = FORM_OF_SESSION.search(beginning_of(path))
     return match[1].decode() if match else ""
 
 

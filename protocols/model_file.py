@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -48,7 +48,7 @@ def effect_entry(
     as ``shift_xy`` that begin with the catalogue's. Places of equal value share one parameter.
     Raises RecordError for a complex value.
     """
-    effect, known_sizes = placed[0].effect, uncertainties or {}
+    effect, stated_sizes = placed[0].effect, uncertainties or {}
     parameters: dict[str, ParameterEntry] = {}
     for instance in placed:
         for parameter, value in zip(effect.parameters, instance.values, strict=True):
@@ -58,8 +58,8 @@ def effect_entry(
             base, placed_name = parameter.name, f"{parameter.name}_{instance.place}"
             matching = [
                 name
-                for name, (known_value, _) in known_sizes.items()
-                if (name == base or name.startswith(base + "_")) and known_value == value
+                for name, (stated_value, _) in stated_sizes.items()
+                if (name == base or name.startswith(base + "_")) and stated_value == value
             ]
             name = placed_name if len(placed) > 1 else base
             if matching and placed_name not in matching:
@@ -72,7 +72,7 @@ def effect_entry(
             parameters[name] = ParameterEntry(
                 value=float(value),
                 unit=parameter.unit,
-                standard_uncertainty=known_sizes[name][1] if name in known_sizes else None,
+                standard_uncertainty=stated_sizes[name][1] if name in stated_sizes else None,
                 of=base,
                 places=places,
             )
@@ -153,13 +153,13 @@ def _places(
     readings = conditions(*at, [0.0] * len(at[0]))
     of_tool = readings.leg == TOOL
     contacts = replace(readings, contact=of_tool, beside_mm=np.outer(of_tool, np.ones(3)))
-    known_places = tuple(dict.fromkeys((*effect.places(readings), *effect.places(contacts))))
-    default_places = known_places if entry.where == "all" else (entry.where,)
+    possible_places = tuple(dict.fromkeys((*effect.places(readings), *effect.places(contacts))))
+    default_places = possible_places if entry.where == "all" else (entry.where,)
     places = parameter.places or default_places
-    unknown = [place for place in places if place not in known_places]
+    unknown = [place for place in places if place not in possible_places]
     if unknown:
         raise RecordError(
-            f"{subject}, place of {entry.id}", ", ".join(unknown), ", ".join(known_places)
+            f"{subject}, place of {entry.id}", ", ".join(unknown), ", ".join(possible_places)
         )
     return places
 
@@ -238,7 +238,7 @@ def read_model(path: Path, effects: Sequence[Effect] = CATALOGUE) -> tuple[Model
     return to_model(model, f"model {path}", effects), model.machine
 
 
-def to_model(model: ModelFile, subject: str, effects: Sequence[Effect] = CATALOGUE) -> Model:
+def to_model(model: ModelFile, subject: str, effects: Sequence[Effect]) -> Model:
     """The model of a file; ``subject`` names it in errors. Raises RecordError."""
     geometry = model.machine.geometry()
     longest = min(geometry.leg_length_mm)
@@ -261,15 +261,11 @@ def sizes_of(model: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> tuple[S
     geometry, sizes, first = model.machine.geometry(), [], 0
     for entry in model.effects:
         placed = placed_effects(entry, effects, geometry, "model")
-        kind = placed[0].effect
-        bases = [parameter.name for parameter in kind.parameters]
-        for name, parameter in entry.parameters.items():
-            if parameter.held:
+        for name, base, places in _placed_parameters(entry, placed[0].effect, geometry):
+            if entry.parameters[name].held:
                 continue
-            base = bases.index(parameter.of or name)
-            places = _places(entry, parameter, kind, geometry, "model")
             at = [first + k for k, instance in enumerate(placed) if instance.place in places]
-            definition = kind.parameters[base]
+            definition = placed[0].effect.parameters[base]
             sizes.append(
                 Size(
                     f"{entry.id} {entry.where}: {name}",
@@ -280,6 +276,16 @@ def sizes_of(model: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> tuple[S
             )
         first += len(placed)
     return tuple(sizes)
+
+
+def _placed_parameters(
+    entry: EffectEntry, effect: Effect, geometry: Geometry
+) -> Iterator[tuple[str, int, tuple[str, ...]]]:
+    """The key of each parameter of an entry, its number in the effect, and its places."""
+    numbers = {parameter.name: number for number, parameter in enumerate(effect.parameters)}
+    for key, parameter in entry.parameters.items():
+        places = _places(entry, parameter, effect, geometry, "model")
+        yield key, numbers[parameter.of or key], places
 
 
 def free_effects(
@@ -301,7 +307,7 @@ def free_effects(
 def with_expected(
     model: ModelFile,
     size_of: Callable[[Sequence[tuple[Effect, str]]], tuple[FloatArray, FloatArray]],
-    effects: Sequence[Effect] = CATALOGUE,
+    effects: Sequence[Effect],
 ) -> ModelFile:
     """The model with sizes as sessions let expect them, and how well each is known.
 
@@ -312,16 +318,12 @@ def with_expected(
     for entry in model.effects:
         parameters = dict(entry.parameters)
         if not any(parameter.held for parameter in parameters.values()):
-            placed = placed_effects(entry, effects, geometry, "model")
-            kind = placed[0].effect
-            bases = [parameter.name for parameter in kind.parameters]
-            for name, parameter in parameters.items():
-                base = bases.index(parameter.of or name)
-                places = _places(entry, parameter, kind, geometry, "model")
-                off, deviation = size_of([(kind, place) for place in places])
-                value = parameter.value + float(off[base])
+            effect = placed_effects(entry, effects, geometry, "model")[0].effect
+            for name, base, places in _placed_parameters(entry, effect, geometry):
+                off, deviation = size_of([(effect, place) for place in places])
+                value = parameters[name].value + float(off[base])
                 update = {"value": value, "standard_uncertainty": float(deviation[base])}
-                parameters[name] = parameter.model_copy(update=update)
+                parameters[name] = parameters[name].model_copy(update=update)
         entries.append(entry.model_copy(update={"parameters": parameters}))
     return model.model_copy(update={"effects": tuple(entries)})
 

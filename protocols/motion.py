@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,7 +42,7 @@ def procedure_of(machine: Machine, *, moving: bool) -> str:
     return SELF_MOVING
 
 
-def told_mm(step: Step, machine: Machine) -> Triple:
+def commanded_mm(step: Step, machine: Machine) -> Triple:
     """What the controller is told for a step, in the coordinates that it takes.
 
     Raises UnreachablePosture.
@@ -96,9 +97,9 @@ def way_mm(
     elif previous is None:
         places = [goal - (machine.motion or MotionLimits()).preroll_mm * _along(step, geometry)]
     places.append(goal)
-    wrong = next((at for at in places if not geometry.stands(at[None])[0]), None)
-    if wrong is not None:
-        x, y, z = (round(float(mm), 3) for mm in wrong)
+    outside = next((at for at in places if not geometry.stands(at[None])[0]), None)
+    if outside is not None:
+        x, y, z = (round(float(mm), 3) for mm in outside)
         raise RecordError(
             f"way to step {step.number}",
             position_words((x, y, z)),
@@ -128,9 +129,7 @@ def _along(step: Step, geometry: Geometry) -> FloatArray:
 
 def tool_at(target: Triple, machine: Machine) -> Triple:
     """Where the tool of a machine without errors is, from Zero, when its controller is there."""
-    place = np.asarray(target, dtype=np.float64)
-    tool = direct(machine.geometry(), place) if machine.mdi == "joint" else place
-    x, y, z = (float(mm) for mm in tool)
+    x, y, z = tool_of(target, machine.mdi, machine.geometry()).tolist()
     return x, y, z
 
 
@@ -141,14 +140,14 @@ def moves_mm(ways: Iterable[Sequence[Triple]]) -> list[float]:
 
 
 def all_ways(
-    procedure: Procedure, machine: Machine, axes: Sequence[str] = BOTH
+    procedure: Procedure, machine: Machine, axes: Sequence[str]
 ) -> list[tuple[Step, list[Triple]]]:
     """Every step of a whole session, with its way from the one before. Raises as `way_mm`."""
     ways: list[tuple[Step, list[Triple]]] = []
     previous: Step | None = None
     for step in procedure.steps(machine.geometry(), axes):
-        here = previous if previous is not None and previous.place == step.place else None
-        ways.append((step, way_mm(step, here, procedure, machine)))
+        start = previous if previous is not None and previous.place == step.place else None
+        ways.append((step, way_mm(step, start, procedure, machine)))
         previous = step
     return ways
 
@@ -195,18 +194,20 @@ def box_mm(machine: Machine) -> tuple[Triple, Triple]:
 
 def departure_mm(moved: Moved, geometry: Geometry) -> FloatArray:
     """How far the tool was read back ``(3,)`` from where it was sent."""
-    return _tool(moved, moved.read_back_mm, geometry) - _tool(moved, moved.commanded_mm, geometry)
+    ends = (moved.commanded_mm, moved.read_back_mm)
+    commanded, actual = tool_of(ends, moved.coordinates, geometry)
+    return np.asarray(actual - commanded)
 
 
 def movement_signs(moved: Moved, geometry: Geometry) -> FloatArray:
     """Sign ``(3,)`` of each carriage's last movement, as commanded."""
-    ends = (_tool(moved, at, geometry)[None] for at in (moved.from_mm, moved.commanded_mm))
-    return np.asarray(carriage_movement(geometry, *ends)[0])
+    ends = tool_of((moved.from_mm, moved.commanded_mm), moved.coordinates, geometry)
+    return np.asarray(carriage_movement(geometry, ends[:1], ends[1:])[0])
 
 
 def approach_sign(moved: Moved, leg: str, geometry: Geometry) -> float:
     """Sign of the last movement of the tool along a leg, as commanded."""
-    from_mm, to_mm = (_tool(moved, at, geometry) for at in (moved.from_mm, moved.commanded_mm))
+    from_mm, to_mm = tool_of((moved.from_mm, moved.commanded_mm), moved.coordinates, geometry)
     way = float((to_mm - from_mm) @ geometry.directions[leg_number(leg)])
     return float(np.sign(way)) if abs(way) > STILL_MM else 0.0
 
@@ -215,6 +216,9 @@ STILL_MM = 1e-6
 """Less is rounding of the numbers in a record."""
 
 
-def _tool(moved: Moved, place_mm: ArrayLike, geometry: Geometry) -> FloatArray:
+def tool_of(
+    place_mm: ArrayLike, coordinates: Literal["tool", "joint"], geometry: Geometry
+) -> FloatArray:
+    """Tool position ``(…, 3)`` from Zero, with the controller at a place in these coordinates."""
     place = np.asarray(place_mm, dtype=np.float64)
-    return np.asarray(direct(geometry, place)) if moved.coordinates == "joint" else place
+    return np.asarray(direct(geometry, place)) if coordinates == "joint" else place

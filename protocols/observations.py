@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -73,8 +73,8 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         cycle=np.array(columns["cycle"], dtype=np.intp),
         time_s=np.array(times_s),
         temperature_c=np.array(columns["temperature_c"], dtype=np.float64),  # None is NaN
-        mount=_numbered(mounts),
-        indicator=_numbered(indicators),
+        mount=numbers_of(mounts),
+        indicator=numbers_of(indicators),
         position_mm=_places_mm(columns["position_mm"]),
         movement=np.concatenate(movement),
         along_mm=_along_mm(readings, np.flatnonzero(over_plane), machine),
@@ -120,7 +120,7 @@ def _along_mm(readings: Sequence[Reading], rows: IntArray, machine: Machine) -> 
     return places_mm
 
 
-def _numbered(names: Sequence[str]) -> IntArray:
+def numbers_of(names: Sequence[Hashable]) -> IntArray:
     """Numbers ``(n,)`` of names, in the order in which these come first."""
     number = {name: k for k, name in enumerate(dict.fromkeys(names))}
     return np.array([number[name] for name in names], dtype=np.intp)
@@ -166,8 +166,10 @@ def _repeated(observations: Observations) -> Observations:
     """
     value_mm, position_mm = observations.value_mm.copy(), observations.position_mm.copy()
     touching = np.flatnonzero(observations.contact)
-    alike = numbered(observations.mount[touching], observations.axis[touching], value_mm[touching])
-    for rows in rows_of(alike):
+    place_groups = numbered(
+        observations.mount[touching], observations.axis[touching], value_mm[touching]
+    )
+    for rows in rows_of(place_groups):
         contacts = touching[rows]
         while len(contacts):
             axis = int(observations.axis[contacts[0]])
@@ -239,12 +241,12 @@ def approaches(session: Session) -> list[float]:
     for members in _by_mounting(session.all_readings):
         displacement_mm = np.array([reading.displacement_mm for reading in members])
         # the first came from nowhere known
-        way = np.sign(np.diff(displacement_mm, prepend=displacement_mm[:1]))
+        sign = np.sign(np.diff(displacement_mm, prepend=displacement_mm[:1]))
         for row, reading in enumerate(members):
             if reading.moved is not None:
-                way[row] = approach_sign(reading.moved, reading.leg, geometry)
-        last = np.maximum.accumulate(np.where(way != 0.0, np.arange(len(way)), 0))
-        signs |= zip((reading.reading for reading in members), way[last].tolist(), strict=True)
+                sign[row] = approach_sign(reading.moved, reading.leg, geometry)
+        last = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(sign)), 0))
+        signs |= zip((reading.reading for reading in members), sign[last].tolist(), strict=True)
     return [signs.get(reading.reading, 0.0) for reading in session.readings]
 
 
@@ -260,7 +262,7 @@ def _movements(session: Session) -> FloatArray:
     for members in _by_mounting(r for r in session.all_readings if r.position_mm is not None):
         places_mm = np.array([reading.position_mm for reading in members])
         origins_mm = np.vstack([places_mm[:1], places_mm[:-1]])
-        lifted = np.array([_lifted_mm(reading) for reading in members])[:, None]
+        lifted = np.array([[r.lift_mm or (CONTACT_FROM_MM if r.contact else 0.0)] for r in members])
         above = places_mm + lifted * np.eye(3)[[leg_number(r.axis) for r in members]]
         moved = carriage_movement(geometry, np.where(lifted > 0.0, above, origins_mm), places_mm)
         last = np.zeros(3)
@@ -271,10 +273,6 @@ def _movements(session: Session) -> FloatArray:
             if reading.reading in row_of:
                 signs[row_of[reading.reading]] = last
     return signs
-
-
-def _lifted_mm(reading: Reading) -> float:
-    return reading.lift_mm or (CONTACT_FROM_MM if reading.contact else 0.0)
 
 
 def _check_readings(session: Session) -> None:
@@ -367,11 +365,11 @@ def _values_step_mm(session: Session) -> float | None:
 
     What was written down of a contact is its place.
     """
-    values = np.array([_written_mm(r) for r in session.readings if r.averaged == 1])
+    values = np.array([_recorded_mm(r) for r in session.readings if r.averaged == 1])
     return display_step_mm(values, session.step_mm)
 
 
-def _written_mm(reading: Reading) -> float:
+def _recorded_mm(reading: Reading) -> float:
     if reading.contact and reading.position_mm:
         return reading.position_mm[leg_number(reading.axis)]
     return reading.value_mm
@@ -402,8 +400,8 @@ def corrected_readings(session: Session, cleaned: CleanedReadings) -> Iterator[R
     """
     observations, cleaned_rows = to_observations([session]).take(cleaned.rows), cleaned.observations
     readings = [session.readings[row] for row in cleaned.rows.tolist()]
-    read_mm = np.array([reading.value_mm for reading in readings])
-    values = read_mm + (_values_mm(observations, cleaned) - observations.value_mm)
+    recorded_mm = np.array([reading.value_mm for reading in readings])
+    values = recorded_mm + (_values_mm(observations, cleaned) - observations.value_mm)
     mounts = _mount_names(readings, cleaned_rows)
     for k, reading in enumerate(readings):
         tool = TOUCHED_NAMES[cleaned_rows.leg[k]] == "tool"
@@ -413,7 +411,7 @@ def corrected_readings(session: Session, cleaned: CleanedReadings) -> Iterator[R
             is_same = np.array_equal(cleaned_rows.position_mm[k], observations.position_mm[k])
             position_mm = reading.position_mm if is_same else (x, y, z)
         mount = mounts[int(cleaned_rows.mount[k])]
-        now: dict[str, Any] = {
+        update: dict[str, Any] = {
             "value_mm": float(values[k]),
             "leg": TOUCHED_NAMES[cleaned_rows.leg[k]],
             "axis": LEG_NAMES[cleaned_rows.axis[k]],
@@ -422,13 +420,15 @@ def corrected_readings(session: Session, cleaned: CleanedReadings) -> Iterator[R
             "station": float(cleaned_rows.station[k]),
             "mount": f"{mount}, moved {cleaned.slips[k]}" if cleaned.slips[k] else mount,
         }
-        was = {name: value for name in now if (value := getattr(reading, name)) != now[name]}
-        if was:
-            if was.keys() & {"leg", "displacement_mm", "position_mm"}:
-                now |= {"step": None, "lift_mm": None}
-            description = ", ".join(f"{name} {value}" for name, value in was.items())
-            now["extra"] = {**reading.extra, AS_READ: description}
-            yield reading.model_copy(update=now)
+        original = {
+            name: value for name in update if (value := getattr(reading, name)) != update[name]
+        }
+        if original:
+            if original.keys() & {"leg", "displacement_mm", "position_mm"}:
+                update |= {"step": None, "lift_mm": None}
+            description = ", ".join(f"{name} {value}" for name, value in original.items())
+            update["extra"] = {**reading.extra, AS_READ: description}
+            yield reading.model_copy(update=update)
 
 
 def _values_mm(observations: Observations, cleaned: CleanedReadings) -> FloatArray:

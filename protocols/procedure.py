@@ -37,7 +37,7 @@ Level = Literal["zero", "max", "min"] | LengthMm
 Key = tuple[str | int, ...]
 """Where in a procedure file something stands."""
 
-WHAT = "procedure file"
+SUBJECT = "procedure file"
 PROCEDURES = Path(__file__).with_name("procedures")
 MOST_STEPS = 20_000
 """Four days of measuring at 20 s a step."""
@@ -106,7 +106,7 @@ class Plate(Document):
         return self
 
     def within(self, printable_mm: float) -> Plate:
-        """The same with rings of the same part of a printable circle of this radius."""
+        """The plate with rings of the same part of a printable circle of this radius."""
         factor = printable_mm / USUAL_PRINTABLE_MM
         radii = tuple(round(factor * radius, 3) for radius in self.radii_mm)
         return self.model_copy(update={"radii_mm": radii})
@@ -176,8 +176,8 @@ class Procedure(Document):
             steps = self.cycles * len(self.plate.places_mm())
         if self.plane is not None:
             over = self.plane
-            each = len(self.legs) * len(over.axes) * len(over.stations) * len(over.levels)
-            steps += self.cycles * each
+            plane_steps = len(self.legs) * len(over.axes) * len(over.stations) * len(over.levels)
+            steps += self.cycles * plane_steps
         if steps > MOST_STEPS:
             raise ValueError(f"{steps} steps; up to {MOST_STEPS} can be measured")
         if len(set(self.legs)) < len(self.legs) or len(set(self.stations)) < len(self.stations):
@@ -203,7 +203,7 @@ class Procedure(Document):
         return tuple(replace(step, number=number) for number, step in enumerate(steps, start=1))
 
     def indicators_used(self, instruments: Sequence[Instrument]) -> tuple[Instrument, ...]:
-        """Those of these that read: the tool, or over planes alone, the first along each axis.
+        """The indicators that read: the tool, or over planes alone, the first along each axis.
 
         Raises UsageError where none may.
         """
@@ -240,13 +240,13 @@ class Procedure(Document):
     def _of_legs(self, geometry: Geometry, axes: Sequence[str]) -> Iterator[Step]:
         for station in self.stations:
             for leg in self.legs:
-                for together in axes_on_leg(leg, axes):
+                for step_axes in axes_on_leg(leg, axes):
                     for cycle in range(1, self.cycles + 1):
                         seed = f"{leg}/{station}/{cycle}"
                         for displacement in self._cycle(geometry, self.levels, seed):
-                            yield Step(0, leg, displacement, cycle, station, together)
+                            yield Step(0, leg, displacement, cycle, station, step_axes)
                     if self.return_to_zero:
-                        yield Step(0, leg, 0.0, self.cycles, station, together)
+                        yield Step(0, leg, 0.0, self.cycles, station, step_axes)
 
     def _over_plane(self, plane: Plane, geometry: Geometry, axes: Sequence[str]) -> Iterator[Step]:
         for axis, leg in product(plane.axes, self.legs):
@@ -289,33 +289,37 @@ class Procedure(Document):
             )
         low, high = geometry.travel_min_mm, geometry.travel_max_mm
         coordinate, requirement = "level", f"the joint limits {low:g} … {high:g} mm"
-        wrong: Iterator[tuple[Key, str]]
+        faults: Iterator[tuple[Key, str]]
         if self.plate is not None:
             coordinate, requirement = (
                 "position",
                 f"a position that the bars reach within {requirement}",
             )
-            outside = (place for place in self.plate.places_mm() if not may_stand(geometry, place))
-            wrong = ((("plate",), position_words(place)) for place in outside)
+            places = self.plate.places_mm()
+            stands = geometry.stands(np.array(places)).tolist()
+            faults = (
+                (("plate",), position_words(place))
+                for place, may_stand in zip(places, stands, strict=True)
+                if not may_stand
+            )
         else:
-            levels: list[tuple[Key, Level]] = [
-                *((("levels", k), level) for k, level in enumerate(self.levels)),
-                *(
-                    (("plane", "levels", k), level)
-                    for k, level in enumerate(self.plane.levels if self.plane else ())
-                ),
+            levels: dict[Key, tuple[Level, ...]] = {("levels",): self.levels}
+            if self.plane is not None:
+                levels["plane", "levels"] = self.plane.levels
+            displacements = [
+                ((*key, k), _displacement(level, geometry))
+                for key, of_key in levels.items()
+                for k, level in enumerate(of_key)
             ]
-            displacements = ((key, _displacement(level, geometry)) for key, level in levels)
-            wrong = ((key, f"{mm:g} mm") for key, mm in displacements if not low <= mm <= high)
+            faults = ((key, f"{mm:g} mm") for key, mm in displacements if not low <= mm <= high)
             if not geometry.common_zero:
                 requirement = f"places that the bars of every leg reach within {requirement}"
-                at = product(levels, map(leg_number, self.legs))
-                wrong = (
-                    (key, f"{_displacement(level, geometry):g} mm of leg {LEG_NAMES[leg]}")
-                    for (key, level), leg in at
-                    if not geometry.goes(leg, _displacement(level, geometry))
+                faults = (
+                    (key, f"{mm:g} mm of leg {LEG_NAMES[leg]}")
+                    for (key, mm), leg in product(displacements, map(leg_number, self.legs))
+                    if not geometry.goes(leg, mm)
                 )
-        for key, value in wrong:
+        for key, value in faults:
             next_step = f"Change the {coordinate}, or the limits in the machine file."
             raise RecordError(
                 f"{self._where(path, key)}, {coordinate}", value, requirement, next_step
@@ -367,10 +371,10 @@ class Procedure(Document):
         """The procedure by name, or the file that it is read from with the line of a key."""
         if path is None:
             return f"procedure {self.name}"
-        line = line_of(read_text(path, WHAT), key)
+        line = line_of(read_text(path, SUBJECT), key)
         return f"procedure file {path}" + (f", line {line}" if line else "")
 
-    def read_in_place(self, geometry: Geometry) -> int:
+    def repeats_in_place(self, geometry: Geometry) -> int:
         """How many steps repeat a posture without leaving it; they show the indicator only."""
         steps = self.steps(geometry)
         return sum(
@@ -505,11 +509,6 @@ def off_bar(
     return faults
 
 
-def may_stand(geometry: Geometry, position_mm: Triple) -> bool:
-    """Whether bars and joint limits allow a tool position from Zero."""
-    return bool(geometry.stands(np.array([position_mm]))[0])
-
-
 def position_words(position_mm: Triple) -> str:
     """``(0, 35, -5) mm``."""
     return f"({', '.join(f'{part:g}' for part in position_mm)}) mm"
@@ -523,7 +522,7 @@ def procedure_names() -> tuple[str, ...]:
 def guided_procedure_names(
     geometry: Geometry, printable_mm: float | None = None
 ) -> tuple[str, ...]:
-    """Those of them that a guided session can measure on this machine: legs, or a plate."""
+    """Procedures that a guided session can measure on this machine: legs, or a plate."""
     names = []
     for name in procedure_names():
         try:
@@ -547,7 +546,7 @@ def load_procedure(name: str, geometry: Geometry, printable_mm: float | None = N
         if name not in procedure_names():
             choices = ", ".join(procedure_names()) + ", or the path of a .toml file"
             raise UsageError("procedure", repr(name), choices)
-    procedure = read_toml(path, Procedure, WHAT)
+    procedure = read_toml(path, Procedure, SUBJECT)
     if path.parent == PROCEDURES and procedure.plate and printable_mm is not None:
         plate = procedure.plate.within(printable_mm)
         procedure = procedure.model_copy(update={"plate": plate})

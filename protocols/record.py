@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -29,7 +29,6 @@ from protocols.session import (
     EVENT,
     FIRST_DIGEST,
     SCHEMA,
-    SCHEMA_NUMBER,
     Closed,
     Continued,
     Distance,
@@ -60,37 +59,62 @@ OF_ANOTHER_KIND = (
 SCHEMA_NAME_NUMBER = re.compile(r"(.+)/([1-9][0-9]{0,8})")
 
 
-class Meaning(Protocol):
-    """Looks at the events of one record in their order."""
+class Meaning:
+    """Looks at the events of one record in their order: readings count up, refer to what exists."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._readings = 0
+        self._superseded: set[int] = set()
 
     def check(self, number: int, event: Any) -> None:  # noqa: ANN401 (of its form)
         """Raises RecordError for one that does not follow from those before."""
+        if isinstance(event, Superseded):
+            missing = [n for n in event.readings if not 1 <= n <= self._readings]
+            if missing:
+                fault = f"reading {missing[0]} superseded before it was taken"
+                raise self.error(number, fault, f"1 … {self._readings}")
+            self._superseded.update(event.readings)
+
+    def count(self, number: int, reading: int) -> None:
+        """Raises RecordError where the number of a reading is not the next one."""
+        self._readings += 1
+        if reading != self._readings:
+            raise self.error(number, f"reading {reading}", f"reading {self._readings}")
+
+    def error(self, number: int, fault: str, requirement: str) -> RecordError:
+        """The error for this line."""
+        return RecordError(_subject(self._path, number), fault, requirement)
 
 
 @dataclass(frozen=True)
 class RecordForm:
     """What the lines of a record are.
 
-    ``name`` and ``number`` are those of the schema that is written; all numbers before it are read.
-    ``lines`` reads one, the first is an ``opened``; ``continued`` makes the one after a break,
-    ``meaning`` what looks at their order.
+    ``schema`` is that of what is written; all numbers before it are read.
+    ``lines`` reads one, the first is an ``opened``, the one after a break a ``continued``;
+    ``meaning`` looks at their order.
     """
 
-    name: str
-    number: int
+    schema: str
     lines: TypeAdapter[Any]
     opened: type[Line]
-    continued: Callable[[str, int], Line]
-    meaning: Callable[[Path], Meaning]
+    continued: Callable[..., Line]
+    meaning: type[Meaning]
 
     @property
-    def schema(self) -> str:
-        """That of what is written."""
-        return f"{self.name}/{self.number}"
+    def name(self) -> str:
+        """The schema without its number."""
+        return self.schema.rpartition("/")[0]
+
+    @property
+    def number(self) -> int:
+        """Number of the schema."""
+        return int(self.schema.rpartition("/")[2])
 
 
 def record_form(name: str) -> RecordForm:
-    """That of sessions ``glidecal.NAME-session``, which stands in ``protocols/NAME_session.py``.
+    """The form of sessions ``glidecal.NAME-session``, which is in ``protocols/NAME_session.py``.
 
     Raises RecordError where there is none.
     """
@@ -255,11 +279,11 @@ def parse_line(path: Path, number: int, line: bytes, form: RecordForm | None = N
         plain = json.loads(line)
     except (ValueError, RecursionError) as problem:
         next_step = "Is it a session? glidecal import converts a table." if number == 1 else ""
-        raise RecordError(subject, _shown(line), "one JSON event", next_step) from problem
+        raise RecordError(subject, _excerpt(line), "one JSON event", next_step) from problem
     if isinstance(plain, dict):
         _check_not_newer(path, plain, form)
     if not isinstance(plain, dict) or "event" not in plain:
-        raise RecordError(subject, _shown(line), f"an event of schema {form.schema}")
+        raise RecordError(subject, _excerpt(line), f"an event of schema {form.schema}")
     if number == 1:
         _check_schema(path, plain, form)
         with suppress(ValidationError):
@@ -292,15 +316,13 @@ def _subject(path: Path, number: int) -> str:
     return f"session {path}, line {number}"
 
 
-class _Meaning:
-    """Readings count up, refer to what exists, and a mounting stays in one place."""
+class SessionMeaning(Meaning):
+    """Distances count up, too, readings are of their steps, a mounting stays in one place."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._readings = 0
+        super().__init__(path)
         self._distances = 0
         self._places: dict[str, tuple[str, str, float]] = {}
-        self._superseded: set[int] = set()
         self._steps: dict[int, Step] = {}
 
     def check(self, number: int, event: Event) -> None:
@@ -313,42 +335,29 @@ class _Meaning:
             self._distances += 1
             if event.distance != self._distances:
                 fault = f"distance {event.distance}"
-                raise self._error(number, fault, f"distance {self._distances}")
-        elif isinstance(event, Superseded):
-            missing = [n for n in event.readings if not 1 <= n <= self._readings]
-            if missing:
-                fault = f"reading {missing[0]} superseded before it was taken"
-                raise self._error(number, fault, f"1 … {self._readings}")
-            self._superseded.update(event.readings)
+                raise self.error(number, fault, f"distance {self._distances}")
         elif isinstance(event, Restored):
             counting = [n for n in event.readings if n not in self._superseded]
             if counting:
                 fault = f"reading {counting[0]} restored"
-                raise self._error(number, fault, "readings that were superseded")
+                raise self.error(number, fault, "readings that were superseded")
             self._superseded.difference_update(event.readings)
-
-    def _error(self, number: int, fault: str, requirement: str) -> RecordError:
-        return RecordError(_subject(self._path, number), fault, requirement)
+        else:
+            super().check(number, event)
 
     def _check_reading(self, number: int, event: Reading) -> None:
-        self._readings += 1
         step = self._steps.get(event.step or 0)
         if step and (event.leg != step.leg or event.axis not in step.axes):
             fault = f"leg {event.leg}, axis {event.axis} in step {step.number}"
             requirement = f"leg {step.leg}, axis {' or '.join(step.axes)}, as in the procedure"
-            raise self._error(number, fault, requirement)
-        if event.reading != self._readings:
-            raise self._error(number, f"reading {event.reading}", f"reading {self._readings}")
+            raise self.error(number, fault, requirement)
+        self.count(number, event.reading)
         place = event.set_up
         if self._places.setdefault(event.mount, place) != place:
-            raise self._error(number, f"mounting {event.mount} in a second place", "one place")
+            raise self.error(number, f"mounting {event.mount} in a second place", "one place")
 
 
-def _continued(program: str, torn_bytes: int) -> Line:
-    return Continued(schema=SCHEMA, program=program, torn_bytes=torn_bytes)
-
-
-SESSION_FORM = RecordForm("glidecal.session", SCHEMA_NUMBER, EVENT, Opened, _continued, _Meaning)
+SESSION_FORM = RecordForm(SCHEMA, EVENT, Opened, Continued, SessionMeaning)
 """Of sessions with indicators or contacts."""
 
 
@@ -360,15 +369,15 @@ def _check_chain(path: Path, number: int, lines: list[bytes], digest: str, event
     line = lines[number - 1]
     if event.seal or isinstance(event, Closed):
         unsealed = line.replace(f'"seal":"{event.seal}"'.encode(), b'"seal":""', 1)
-        own_fits = event.seal == digest_of(unsealed)
-        fits = own_fits and event.previous == digest
+        seal_fits = event.seal == digest_of(unsealed)
+        fits = seal_fits and event.previous == digest
     else:  # of an older program: the line after it tells
         fits = event.previous == digest
         following = lines[number] if number < len(lines) else b""
-        own_fits = fits or f'"previous":"{digest_of(line)}"'.encode() in following
+        seal_fits = fits or f'"previous":"{digest_of(line)}"'.encode() in following
     if not fits:
         raise RecordError(
-            f"session {path}, line {number - 1 if own_fits and number > 1 else number}",
+            f"session {path}, line {number - 1 if seal_fits and number > 1 else number}",
             "a content that does not fit its digest: it was changed",
             "an unaltered record",
             "Use an unaltered copy.",
@@ -381,7 +390,7 @@ def count_readings(events: Sequence[Event]) -> int:
 
 
 def _check_not_newer(path: Path, line: dict[str, object], form: RecordForm) -> None:
-    """For a line that is not understood: the first one and ``continued`` name the schema."""
+    """Check a line that is not understood: the first one and ``continued`` name the schema."""
     match = SCHEMA_NAME_NUMBER.fullmatch(str(line.get("schema")))
     if match and match[1] == form.name and int(match[2]) > form.number:
         raise RecordError(
@@ -405,6 +414,6 @@ def _check_schema(path: Path, first: dict[str, object], form: RecordForm) -> Non
         )
 
 
-def _shown(line: bytes) -> str:
+def _excerpt(line: bytes) -> str:
     text = line[:60].decode("utf-8", errors="replace")
     return repr(text) + ("…" if len(line) > 60 else "")

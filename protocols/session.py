@@ -5,7 +5,7 @@ counts, what is done, what is next.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from functools import cached_property
@@ -16,7 +16,6 @@ from pydantic import AfterValidator, AwareDatetime, Field, TypeAdapter, model_va
 
 from calib.errors import GlidecalError, RecordError
 from protocols.data_table import Cell, DataTable, Tabled
-from protocols.dates import Origin
 from protocols.documents import (
     Celsius,
     Count,
@@ -84,7 +83,23 @@ MeasuredMm = Annotated[LengthMm, Field(gt=0.0)]
 FileName = Annotated[Name, AfterValidator(_beside)]
 
 
-class Opened(Line):
+Origin = Literal["measured", "simulated", "imported"]
+
+
+class Beginning(Line):
+    """First line of a session of any kind of machine.
+
+    ``measured_on`` is stated of an imported table, whose lines were written later.
+    """
+
+    event: Literal["opened"] = "opened"
+    schema_id: str = Field(alias="schema")
+    program: Name
+    origin: Origin
+    measured_on: date | None = None
+
+
+class Opened(Beginning):
     """First line: the schema and everything known before measuring.
 
     ``seed`` is set for simulated machines only, so that an interrupted simulation can go on;
@@ -94,11 +109,7 @@ class Opened(Line):
     table, whose lines were written later.
     """
 
-    event: Literal["opened"] = "opened"
     schema_id: SchemaId = Field(alias="schema", default=SCHEMA)
-    program: Name
-    origin: Origin
-    measured_on: date | None = None
     machine: Machine
     procedure: Procedure | None = None
     instruments: Annotated[tuple[Instrument, ...], Field(max_length=2)] = ()
@@ -155,7 +166,7 @@ class Moved(Document):
     feed_mm_min: Annotated[float, Field(gt=0.0, le=1e6)]
 
     def cells(self) -> tuple[Cell, ...]:
-        """Of the columns `MOVED` of a table."""
+        """Cells of the columns `MOVED` of a table."""
         places = (*self.from_mm, *self.commanded_mm, *self.read_back_mm)
         return (self.driver, self.coordinates, *places, self.feed_mm_min)
 
@@ -418,7 +429,7 @@ class Session(Tabled):
         leg, station, axes = step.place
         return last is None or last.place != (leg, station, set(axes))
 
-    def was_read(self, step: Step) -> bool:
+    def has_readings_at(self, step: Step) -> bool:
         """Whether any reading that counts was taken where the stand is for a step."""
         leg, station, _ = step.place
         return any((r.leg, r.set_up[2]) == (leg, station) for r in self.readings)
@@ -435,7 +446,7 @@ class Session(Tabled):
         """Whether the mounting read last has one posture, which without another gives nothing."""
         last = self.readings[-1].mount if self.readings else ""
         of_last = [reading for reading in self.readings if reading.mount == last]
-        return len({(reading.displacement_mm, reading.position_mm) for reading in of_last}) == 1
+        return len({reading.posture_mm for reading in of_last}) == 1
 
     def done(self) -> frozenset[int]:
         """Numbers of the steps for which every axis has a reading that counts."""
@@ -445,7 +456,7 @@ class Session(Tabled):
                 axes.setdefault(reading.step, set()).add(reading.axis)
         step_axes = {step.number: set(step.axes) for step in self.steps()}
         return frozenset(
-            n for n, axes_read in axes.items() if axes_read >= step_axes.get(n, set("?"))
+            n for n, reading_axes in axes.items() if reading_axes >= step_axes.get(n, set("?"))
         )
 
     def next_step(self) -> Step | None:
@@ -524,7 +535,9 @@ class Session(Tabled):
 
 def fold(events: Iterable[Event]) -> Session:
     """The state after these events; the first one must be `Opened`."""
-    opened: Opened | None = None
+    sequence = tuple(events)
+    opened = sequence[0]
+    assert isinstance(opened, Opened)
     readings: list[Reading] = []
     superseded: dict[int, str] = {}
     restored: dict[int, str] = {}
@@ -532,13 +545,13 @@ def fold(events: Iterable[Event]) -> Session:
     mountings: list[Mounted] = []
     notes: list[str] = []
     changes: list[Changed] = []
+    distances: list[Distance] = []
     stand_untouched = True
-    every = tuple(events)
-    for event in every:
-        if isinstance(event, Opened):
-            opened = event
-        elif isinstance(event, Reading):
+    for event in sequence:
+        if isinstance(event, Reading):
             readings.append(event)
+        elif isinstance(event, Distance):
+            distances.append(event)
         elif isinstance(event, Superseded):
             superseded |= dict.fromkeys(event.readings, event.reason)
             restored = _without(restored, event.readings)
@@ -556,9 +569,8 @@ def fold(events: Iterable[Event]) -> Session:
         elif isinstance(event, Changed):
             numbers = (r.reading for r in readings if r.reading not in superseded)
             superseded |= dict.fromkeys(numbers, f"{CHANGED}: {event.reason}")
-            restored, skipped, stand_untouched = {}, {}, False
+            restored, skipped, distances, stand_untouched = {}, {}, [], False
             changes.append(event)
-    assert opened is not None
     counting = tuple(r for r in readings if r.reading not in superseded)
     return Session(
         opened,
@@ -571,16 +583,9 @@ def fold(events: Iterable[Event]) -> Session:
         stand_untouched,
         tuple(notes),
         tuple(changes),
-        _distances(every),
-        closed=isinstance(every[-1], Closed),
+        tuple(distances),
+        closed=isinstance(sequence[-1], Closed),
     )
-
-
-def _distances(events: Sequence[Event]) -> tuple[Distance, ...]:
-    """Those that were measured of the machine as it is now."""
-    changed = [number for number, event in enumerate(events) if isinstance(event, Changed)]
-    now = events[max(changed, default=0) :]
-    return tuple(event for event in now if isinstance(event, Distance))
 
 
 def _without(reasons: dict[int, str], numbers: tuple[int, ...]) -> dict[int, str]:

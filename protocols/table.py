@@ -26,7 +26,7 @@ from protocols.data_table import (
     unprotected,
     workbook,
 )
-from protocols.documents import describe
+from protocols.documents import LARGEST_COUNT, describe
 from protocols.machine import Instrument, Machine
 from protocols.procedure import ALL_AXES, SLIDING, Leg, Procedure, default_mount, off_bar
 from protocols.session import (
@@ -73,13 +73,12 @@ NUMBERS = (
     "feed_mm_min",
 )
 
-LARGEST_COUNT = 1_000_000
 MOST_ROWS = 100_000
 LARGEST_NUMBER = 1e9
 
 T = TypeVar("T")
 
-WHOLE = re.compile(r"\+?\d+", re.ASCII)
+INTEGER = re.compile(r"\+?\d+", re.ASCII)
 
 
 class Row:
@@ -130,7 +129,7 @@ class Row:
         """A whole number not below ``least``."""
         text = self.fields[column]
         # int() raises ValueError for thousands of digits
-        if not WHOLE.fullmatch(text) or len(text) > 9 or not least <= int(text) <= LARGEST_COUNT:
+        if not INTEGER.fullmatch(text) or len(text) > 9 or not least <= int(text) <= LARGEST_COUNT:
             raise self.fault(column, f"a whole number, {least} … {LARGEST_COUNT}")
         return int(text)
 
@@ -460,12 +459,13 @@ def _check_mounts(rows: list[Row], readings: tuple[Reading, ...]) -> None:
     """One mounting is one stand in one place: same leg, axis and station throughout."""
     places: dict[str, tuple[str, str, float]] = {}
     for row, reading in zip(rows, readings, strict=True):
-        here = reading.set_up
-        if places.setdefault(reading.mount, here) != here:
+        place = reading.set_up
+        if places.setdefault(reading.mount, place) != place:
             leg, axis, station = places[reading.mount]
-            where = "over a plane" if station == SLIDING else f"station {station:g}"
+            place_text = "over a plane" if station == SLIDING else f"station {station:g}"
             raise row.fault(
-                "mount", f"a new name: {reading.mount!r} already is leg {leg}, axis {axis}, {where}"
+                "mount",
+                f"a new name: {reading.mount!r} already is leg {leg}, axis {axis}, {place_text}",
             )
 
 

@@ -215,7 +215,7 @@ def export(
         force = may_deliver(output, force=force, several=format_name != "csv")
         source = _only(sources, "a table")
         data_table = _table(source, table or "readings", subset, method, model)
-        deliver(output, {"": data_table.written(format_name)}, force=force)
+        deliver(output, {"": data_table.file_content(format_name)}, force=force)
         return
     from app.exports import FORMATS, IN_FOLDERS
     from app.exports.linuxcnc_ini import read_controller
@@ -457,8 +457,8 @@ def _key_password() -> str:
 
 
 def _triple(option: str, text: str | None) -> tuple[float, float, float] | None:
-    from app.exports.linuxcnc_ini import LARGEST_MM
     from protocols.data_table import NUMBER
+    from protocols.documents import LARGEST_MM
 
     if text is None:
         return None

@@ -303,7 +303,7 @@ def _read_from(
             remarks=stated.remarks,
             geometry_alone=geometry_alone,
         )
-        remarks = [f"not used: {odd}" for odd in printer.odd]
+        remarks = [f"not used: {odd}" for odd in printer.oddities]
         measured = checked(
             (*printer.distances, *beside), printer.opened.machine.geometry(), deviation_mm
         )

@@ -14,7 +14,7 @@ from calib.errors import GlidecalError, RecordError
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
 from calib.tripod.effects.contract import fault_of
 from calib.tripod.effects.effect import Effect
-from protocols.documents import MOST_WRITTEN_BYTES, read_text
+from protocols.documents import MOST_EDITED_BYTES, read_text
 
 FOLDER_VARIABLE = "GLIDECAL_EFFECTS"
 """Environment variable that names another folder of effects."""
@@ -58,7 +58,7 @@ def effects_folder() -> Path:
 def _from_files() -> Iterator[tuple[str, object]]:
     for path in sorted(effects_folder().glob("*.py")):
         source = f"effect file {path}"
-        read_text(path, "effect file", MOST_WRITTEN_BYTES)  # no pipe, no device, nothing huge
+        read_text(path, "effect file", MOST_EDITED_BYTES)  # no pipe, no device, nothing huge
         content = _run(source, partial(runpy.run_path, str(path)))
         if NAME not in content:
             raise _broken(source, f"no {NAME}", f"{NAME} = (a law, …)")

@@ -11,8 +11,8 @@ from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from pydantic import AwareDatetime
 
-from protocols.dates import Origin
 from protocols.documents import Document
+from protocols.session import Origin
 
 Decision = Literal["pass", "fail", "undecided"]
 

@@ -18,7 +18,7 @@ from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import caveats
 from calib.hexaslide.calibration import corrected
 from calib.hexaslide.geometry import HexaSlide
-from protocols.files import Written, write_files
+from protocols.files import Contents, write_files
 from protocols.hexaslide import (
     CALIBRATED,
     HexaSlideMachine,
@@ -44,7 +44,7 @@ TURNS = (
 )
 
 
-def calibrated_files(result: CalibratedMachine, to_command: Path | None) -> Written:
+def calibrated_files(result: CalibratedMachine, to_command: Path | None) -> Contents:
     """``machine.toml``, ``hexaslidekins.comp`` with ``calib.hal``, of telescopic legs that alone,
     for ``genhexkins``; for a file of postures ``to_command`` also ``postures.csv``, to be commanded
     instead of them, and ``sliders.csv``.

@@ -19,11 +19,10 @@ from calib.arrays import LEG_NAMES
 from calib.errors import RecordError
 from calib.tripod.controller import ControllerJoint, ControllerJoints
 from protocols.data_table import NUMBER
-from protocols.documents import read_text
+from protocols.documents import LARGEST_MM, read_text
 
 INCLUDE = "#INCLUDE"
 MM_OF_UNIT = {"mm": 1.0, "metric": 1.0, "in": 25.4, "inch": 25.4, "imperial": 25.4}
-LARGEST_MM = 100_000.0
 FARTHEST = 1e99
 """What the controller takes for a limit that is none."""
 

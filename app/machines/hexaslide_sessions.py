@@ -31,7 +31,7 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.report.certificate import CertificateHead
     from app.report.pages.report import ReportSource
     from drivers.line import IndicatorLine
-    from protocols.files import Written
+    from protocols.files import Contents
 
 NAME = "hexaslide"
 HELP = "Hexa Slide: postures (.csv) instead of those of the procedure."
@@ -298,7 +298,7 @@ def replayed(path: Path, say: Say) -> Answer:
     )
 
 
-def exported(path: Path, format_name: str) -> tuple[Written, tuple[str, ...]]:
+def exported(path: Path, format_name: str) -> tuple[Contents, tuple[str, ...]]:
     """The calibrated machine: its file, for LinuxCNC, for ROS 2, or the result as JSON."""
     from app.evaluating.hexaslide_calibration import calibrate_file
     from app.exports.hexaslide import calibrated_files, kinematics_words, ros2_parameters

@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.report.schema.document import Report
     from app.screens import Look, MakeScreen
     from calib.design.criteria import Criterion
-    from protocols.files import Written
+    from protocols.files import Contents
 
 
 def _finite(value: float | None) -> float | None:
@@ -138,7 +138,7 @@ def may_deliver(output: Path, *, force: bool, several: bool = False) -> bool:
     return may_replace(force, output)
 
 
-def deliver(output: Path, contents: Written, *, force: bool) -> None:
+def deliver(output: Path, contents: Contents, *, force: bool) -> None:
     """Write the files of a result and say so; one text goes to standard output for ``-o -``.
 
     Raises as `may_replace` and `write_files`.
@@ -391,7 +391,7 @@ class SessionVerbs:
     imported: Callable[[Importing, Any, Say], None]
     validated: Callable[[Path], str]
     replayed: Callable[[Path, Say], Answer]
-    exported: Callable[[Path, str], tuple[Written, tuple[str, ...]]]
+    exported: Callable[[Path, str], tuple[Contents, tuple[str, ...]]]
     verified: Callable[[Path, Path, float | None], tuple[Answer, str]]
     diagnosed: Callable[[Path, Diagnosing, Say], Answer]
     compared: Callable[[Path, Path], Answer]

@@ -167,8 +167,8 @@ class AttendedSession:
         if not self.automatic or not at_rest:
             return None
         step, moved = self.guided.step(), self.guided.moved()
-        if step is None or moved is Movement.SEEN:
-            return Movement.SEEN
+        if step is None or moved is Movement.CONFIRMED:
+            return Movement.CONFIRMED
         if (step.number, moved) == self._waits:
             return None
         self._waits = step.number, moved

@@ -48,7 +48,7 @@ def open_indicators(plan: Plan) -> Indicators:
             undo.callback(bench.close)
             ports, interval_s, window_s = bench.ports, plan.interval_s, SIMULATED_WINDOW_S
         if isinstance(bench, SelfMovingBench):
-            address = bench.controller.told
+            address = bench.controller.endpoint
         gauges = tuple(
             Gauge(
                 profile_of(listed),

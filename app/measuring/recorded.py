@@ -14,7 +14,7 @@ from app.measuring.indicators import SIMULATED, asked_of, profile_of
 from calib.errors import GlidecalError, RecordError
 from calib.printable import counted
 from drivers.profile import IndicatorReading, Profile, Query
-from protocols.dates import Origin, measured_words
+from protocols.dates import measured_words
 from protocols.machine import Instrument
 from protocols.machine_files import form_name
 from protocols.record import (
@@ -25,7 +25,7 @@ from protocols.record import (
     read_record,
     record_form,
 )
-from protocols.session import Closed, Continued, Event, Opened, Reading, Superseded
+from protocols.session import Closed, Continued, Event, Opened, Origin, Reading, Superseded
 
 DEMO_FOLDER = Path("demo-sessions")
 

@@ -19,7 +19,7 @@ from protocols.expectation import (
     Movement,
     expected,
     movement,
-    since_last_seen,
+    since_last_repeat,
 )
 from protocols.journal import Journal
 from protocols.procedure import Leg, Step, default_mount
@@ -231,7 +231,7 @@ class GuidedSession:
         """Whether the indicators tell, as they stand now, that the machine moved to this step."""
         step = self.step()
         if self._go is not None or self.mover is not None or step is None:
-            return Movement.SEEN
+            return Movement.CONFIRMED
         time_s = self.clock.time_s()
         if self._due is None or self._due[0] is not self.session:
             self._due = self.session, expected(self.session, step, time_s)
@@ -395,7 +395,7 @@ class GuidedSession:
         """
         with self._lock:
             step = self.step()
-            unsure = since_last_seen(self.session)
+            unsure = since_last_repeat(self.session)
             numbers = tuple(r.reading for r in unsure)
             events: list[Line] = [Superseded(readings=numbers, reason=reason)] if numbers else []
             self._append([*events, *([self._new_mounting(step)] if step else [])])

@@ -19,7 +19,7 @@ from calib.hexaslide.simulation import simulate
 from protocols.data_table import csv_text
 from protocols.files import write_files
 from protocols.hexaslide import (
-    MOST_READ,
+    LARGEST_VALUE,
     SCHEMA,
     TRUTH_SCHEMA,
     FileUnits,
@@ -223,7 +223,9 @@ def write_simulated(
     )
     rows = [*zip(readings.sliders.tolist(), readings.measured.tolist(), strict=True)]
     furthest = max((value for parts in rows for part in parts for value in part), key=abs)
-    check_number("slider or reading of a posture", furthest, -MOST_READ, MOST_READ, "m or rad")
+    check_number(
+        "slider or reading of a posture", furthest, -LARGEST_VALUE, LARGEST_VALUE, "m or rad"
+    )
     measured = HexaSlideMeasurements(
         schema=SCHEMA,
         program=program(),

@@ -28,7 +28,7 @@ from calib.tripod.pipeline import Model
 from calib.tripod.planning import TripodPlanning
 from protocols.data_table import DataTable, Tabled
 from protocols.documents import LEAST_FIGURE_MM
-from protocols.files import Written, unused_path
+from protocols.files import Contents, unused_path
 from protocols.machine import Frame, Instrument, Machine, load_machine
 from protocols.model_file import free_effects, read_model, read_model_file
 from protocols.motion import seconds_per_step
@@ -93,7 +93,7 @@ def before_measuring(
     return expected_of(planned, machine.tolerances_mm()), planned.noise_words
 
 
-def procedure_files(orders: Orders, like: Procedure, path: Path) -> tuple[Path, Written]:
+def procedure_files(orders: Orders, like: Procedure, path: Path) -> tuple[Path, Contents]:
     """What to write where: one procedure where all mountings visit the same displacements, else one
     for each, with its name before the suffix.
 

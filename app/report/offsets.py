@@ -32,7 +32,7 @@ from calib.tripod.controller import ControllerJoints
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model, StageEffect
 from protocols.dates import measured_words
-from protocols.files import Written
+from protocols.files import Contents
 from protocols.machine import Frame, Machine
 from protocols.model_file import ambiguity, ambiguous_effects, is_model, read_model_file, to_model
 
@@ -116,7 +116,7 @@ class Offsets:
 class Export:
     """The texts of the files to write, and what a person must know of them, as the files say."""
 
-    files: Written
+    files: Contents
     cautions: tuple[str, ...]
 
 

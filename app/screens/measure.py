@@ -150,7 +150,7 @@ class MeasureScreen(Corrections, SessionScreen, Resting):
         step = self.guided.step()
         if any(pressed):
             self.action_take()
-        elif (moved := self.attended.by_itself(states)) is Movement.SEEN:
+        elif (moved := self.attended.by_itself(states)) is Movement.CONFIRMED:
             self._begin_take()
         elif moved and step:
             self._show_step()  # who takes it has changed

@@ -13,6 +13,7 @@ from enum import StrEnum
 from typing import ClassVar, Literal
 
 from calib.errors import MotionError
+from drivers.profile import MILLIMETRES, Unit
 
 Triple = tuple[float, float, float]
 
@@ -28,7 +29,7 @@ CONNECT_S = 2.0
 STOP_S = 0.5
 """Within it a machine is at rest after the cause of a stop, or the operator is told."""
 
-MM_PER_INCH = 25.4
+MM_PER_INCH = float(MILLIMETRES[Unit.INCH])
 
 AGAIN_S = 0.2
 """So long after its command a stop is sent once more, by every other way there is."""
@@ -48,7 +49,7 @@ LONGEST_LINE = 4096
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 """Python takes ``1_0`` and ``nan`` for numbers, too."""
 
-MOST = 1e6
+LARGEST = 1e6
 """No place or setting of a machine is larger: it is a number that was garbled."""
 
 
@@ -74,9 +75,9 @@ class MotionFault(StrEnum):
 class ControllerFault(MotionError):
     """A `MotionError` with its kind, worded like any `GlidecalError`."""
 
-    def __init__(self, kind: MotionFault, *parts: str, reason: str = "") -> None:
+    def __init__(self, kind: MotionFault, *parts: str) -> None:
         self.kind = kind
-        super().__init__(*parts, reason=reason or ("" if any(parts[1:2]) else f"{kind}"))
+        super().__init__(*parts, reason="" if any(parts[1:2]) else f"{kind}")
 
 
 @dataclass(frozen=True)
@@ -187,9 +188,11 @@ class Controller(ABC):
         self.limits = limits
         self.halt = threading.Event()
         self.answer_s = ANSWER_S
+        self.homing = False
+        """Whether it homes now; where only a reset ends that, a stop must know."""
         self.on_wait: Callable[[], None] = lambda: None
         """Called while an answer is waited for: who waits is alive."""
-        self.taken_over: ControllerFault | None = None
+        self.takeover: ControllerFault | None = None
         """Set where control had to be taken from somebody else for the last stop."""
         self._received = b""
         self._stopping = False
@@ -227,7 +230,7 @@ class Controller(ABC):
         return self.look()
 
     @property
-    def own_states(self) -> Mapping[str, str]:
+    def command_states(self) -> Mapping[str, str]:
         """What its own commands make of the states that are supervised."""
         return {}
 
@@ -288,7 +291,7 @@ class Controller(ABC):
         patience_s = AGAIN_S
         first_mm: Triple | None = None
         waits = False
-        why, self.taken_over = "no answer", None
+        why, self.takeover = "no answer", None
         while not gives_up(why):
             now_s = time.monotonic()
             try:
@@ -305,7 +308,7 @@ class Controller(ABC):
             except ControllerFault as problem:
                 why, first_mm, waits = problem.found or problem.reason, None, False
                 if problem.kind is MotionFault.CONTROL_LOST:
-                    self.taken_over = problem
+                    self.takeover = problem
                 send_s = min(send_s, now_s + APART_S)  # by another way, soon
                 time.sleep(SLICE_S)
                 continue
@@ -355,14 +358,14 @@ class Controller(ABC):
     def finite(self, word: str) -> float:
         """A number that a controller sent. Raises `ControllerFault` for what is none."""
         value = float(word) if NUMBER.fullmatch(word) else math.nan
-        if not abs(value) < MOST:
+        if not abs(value) < LARGEST:
             raise self.fault(MotionFault.CONTROLLER, f"{word[:40]!r}", "a number")
         return value
 
-    def is_at(self, place_mm: Triple, wanted_mm: Triple) -> bool:
+    def is_at(self, place_mm: Triple, target_mm: Triple) -> bool:
         """Whether a place that was read back is the one that was wanted."""
         # not `<=` of a maximum: that swallows what is no number
-        pairs = zip(place_mm, wanted_mm, strict=True)
+        pairs = zip(place_mm, target_mm, strict=True)
         return all(abs(a - b) <= self.limits.reached_mm for a, b in pairs)
 
     def fault(

@@ -13,7 +13,7 @@ import re
 import select
 import socket
 import time
-from typing import ClassVar, Literal, Protocol
+from typing import ClassVar, Literal
 
 from calib.errors import IndicatorError, sentence
 from drivers.motion.controller import (
@@ -50,27 +50,11 @@ TURN = 32
 STATUS = re.compile(r"<(\w+)(?::(\d+))?\|(.*)>", re.ASCII)
 SETTING = re.compile(r"\$(\d+)=([-+.\d]+)", re.ASCII)
 VERSION = re.compile(r"\[VER:1\.1\w?\.", re.ASCII)
-SAFE = {"9": "locked, as after an alarm", "15": "beyond its soft limits", "22": "no feed"}
+ERROR_WORDS = {"9": "locked, as after an alarm", "15": "beyond its soft limits", "22": "no feed"}
 MOVING = ("Jog", "Run", "Home")
 ANSWERS_LINES = ("Idle", "Jog", "Alarm")
 """In a hold a line waits for its end."""
 SUPERVISED = ("Ov", "WCO", "H")
-
-
-class Wire(Protocol):
-    """What bytes go through: a port of pyserial, or the file descriptor that a guard was given."""
-
-    def read(self, size: int = 1) -> bytes:
-        """What comes within `SLICE_S`."""
-
-    def write(self, data: bytes, /) -> int | None:
-        """Send."""
-
-    def fileno(self) -> int:
-        """Its file descriptor."""
-
-    def close(self) -> None:
-        """Let go of it."""
 
 
 class Descriptor:
@@ -91,7 +75,7 @@ class Descriptor:
         return os.write(self._number, data)
 
     def fileno(self) -> int:
-        """Its number."""
+        """Number of the descriptor."""
         return self._number
 
     def close(self) -> None:
@@ -100,7 +84,7 @@ class Descriptor:
             os.close(self._number)
 
 
-WAYS = ("3", "100", "101", "102")
+AXIS_SETTINGS = ("3", "100", "101", "102")
 """Settings that turn a carriage round, or move it another length."""
 
 
@@ -113,7 +97,7 @@ class Grbl(Controller):
 
     def __init__(self, address: str, limits: Limits) -> None:
         super().__init__(address, limits)
-        self.wire: Wire | None = None
+        self.wire: SerialPort | Descriptor | None = None
         self._unit_mm = 1.0
         self._ask = REPORT
         self._firmware = ""
@@ -122,7 +106,6 @@ class Grbl(Controller):
         self._acknowledged = True
         self._answers_more = False
         self._under_way = 0
-        self.homing = False
         self.tells_homing = False
 
     def connect(self) -> None:
@@ -152,8 +135,8 @@ class Grbl(Controller):
 
     def handles(self) -> tuple[int, ...]:
         """The port, which cannot be opened twice."""
-        numbered = self.wire is not None and hasattr(self.wire, "fileno")  # not on Windows
-        return (self.wire.fileno(),) if self.wire is not None and numbered else ()
+        # not on Windows
+        return (self.wire.fileno(),) if self.wire and hasattr(self.wire, "fileno") else ()
 
     def _opened(self) -> SerialPort:
         try:
@@ -162,9 +145,9 @@ class Grbl(Controller):
         except IndicatorError as problem:
             raise self.fault(MotionFault.UNREACHABLE, problem.found, problem.allowed) from problem
         except PORT_ERRORS as problem:
-            why = cannot_open(self.address, problem)
-            next_step = sentence(why.next_step)
-            raise self.fault(MotionFault.UNREACHABLE, why.reason, "", next_step) from problem
+            cause = cannot_open(self.address, problem)
+            next_step = sentence(cause.next_step)
+            raise self.fault(MotionFault.UNREACHABLE, cause.reason, "", next_step) from problem
 
     def _wake(self) -> None:
         """The first status report; raises with what came in its place."""
@@ -172,10 +155,10 @@ class Grbl(Controller):
         self._acknowledged = True
         while not deadline.over:
             self._question(REPORT)
-            again = Deadline(min(self.answer_s, WAKE_S))
-            while not again.over:
+            retry = Deadline(min(self.answer_s, WAKE_S))
+            while not retry.over:
                 try:
-                    line = self._line(again)
+                    line = self._line(retry)
                 except NoLine:
                     break
                 if self._note(line) is not None:
@@ -207,8 +190,8 @@ class Grbl(Controller):
         settings = dict(SETTING.findall("\n".join(self._done("$$"))))
         homing = settings.get("22", "none")
         if not (homing.isdecimal() and int(homing) & 1):  # of grblHAL a mask
-            otherwise = "Without homing the positions of its carriages are unknown."
-            raise self.fault(MotionFault.NOT_READY, f"$22={homing}", "$22=1", otherwise)
+            next_step = "Without homing the positions of its carriages are unknown."
+            raise self.fault(MotionFault.NOT_READY, f"$22={homing}", "$22=1", next_step)
         self._unit_mm = MM_PER_INCH if settings.get("13") == "1" else 1.0
         self._check_travel(settings)
         if self.locked:
@@ -224,7 +207,7 @@ class Grbl(Controller):
             "H:1: homed" if self.tells_homing else f"$22={homing}: it locks until it is homed",
             f"$13={settings.get('13', 'none')}: {'inch' if self._unit_mm != 1.0 else 'mm'}",
             f"$20={soft}: {'its own soft limits are on' if soft == '1' else 'no soft limits'}",
-            " ".join(f"${number}={settings.get(number, 'none')}" for number in WAYS)
+            " ".join(f"${number}={settings.get(number, 'none')}" for number in AXIS_SETTINGS)
             + ": directions, and steps a mm",
         )
 
@@ -289,7 +272,7 @@ class Grbl(Controller):
 
     def home(self) -> None:
         """Home all carriages, as the operator confirmed; only a reset ends that."""
-        self.homing = True  # until it is done: a stop must know
+        self.homing = True  # until it is done
         self._done("$H", HOMING_S)
         self.homing = False
 
@@ -299,7 +282,9 @@ class Grbl(Controller):
         shared: socket.socket | None = getattr(wire, "_socket", None)
         if shared is not None:  # pyserial would shut it down, for the guard, too
             shared.close()
-        if wire is not None:
+        if isinstance(wire, Descriptor):
+            wire.close()
+        elif wire is not None:
             close_port(wire)
 
     def send_stop(self, attempt: int) -> None:
@@ -324,7 +309,7 @@ class Grbl(Controller):
         self._send(mark)
 
     def position_of(self, line: str) -> tuple[Triple, bool] | None:
-        """It does not rest while a jog is not acknowledged: that may begin after its stop."""
+        """The place in a line, and whether the machine may move: also before a jog's "ok"."""
         place_mm = self._note(line)
         if place_mm is None:
             self._acknowledged |= line.startswith(("ok", "error:", "Grbl", "grblHAL"))
@@ -343,9 +328,9 @@ class Grbl(Controller):
         deadline = Deadline(self.answer_s)
         while True:
             self._question(self._ask)
-            again = Deadline(min(self.answer_s, ASK_AGAIN_S))  # a question may be lost
+            retry = Deadline(min(self.answer_s, ASK_AGAIN_S))  # a question may be lost
             try:
-                while (place_mm := self._note(self._heard(again))) is None:
+                while (place_mm := self._note(self._fresh_line(retry))) is None:
                     pass
             except NoLine:
                 if deadline.over:
@@ -378,11 +363,11 @@ class Grbl(Controller):
         self._send(command.encode() + b"\n")
         self._acknowledged = False
         answers: list[str] = []
-        while (line := self._heard(deadline)) != "ok":
+        while (line := self._fresh_line(deadline)) != "ok":
             if line.startswith("error:"):
                 self._acknowledged = True
-                why = SAFE.get(line[6:], "see its list of errors")
-                raise self.fault(MotionFault.CONTROLLER, f"{line} ({why})")
+                cause = ERROR_WORDS.get(line[6:], "see its list of errors")
+                raise self.fault(MotionFault.CONTROLLER, f"{line} ({cause})")
             if STATUS.fullmatch(line) is None:  # one that came by itself
                 answers.append(line)
             if len(answers) > 1000:
@@ -402,7 +387,7 @@ class Grbl(Controller):
         self._received, self._acknowledged, self._under_way = b"", True, 0
         self._answers_more = False
 
-    def _heard(self, deadline: Deadline) -> str:
+    def _fresh_line(self, deadline: Deadline) -> str:
         """The next line; an alarm, or a board that started anew, is a fault."""
         line = self._line(deadline)
         if line.startswith("ALARM:"):

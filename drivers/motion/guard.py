@@ -33,7 +33,7 @@ STOPPING_S = 20.0
 LEAVING_S = 2.0
 """For so long a program that leaves waits for a guard that is stopping the machine."""
 
-LEFT: list[subprocess.Popen[bytes]] = []
+DETACHED: list[subprocess.Popen[bytes]] = []
 """Guards that go on without the program."""
 
 BEAT, HOMING, REST, BYE = b"a", b"h", b"d", b"q"
@@ -55,7 +55,7 @@ class Guard:
     def __init__(self, controller: Controller, silence_s: float = SILENCE_S) -> None:
         self._controller = controller
         self._silence_s = silence_s
-        self._heard_s = -1.0
+        self._echo_s = -1.0
         self._news = threading.Event()
         self._ready = False
         ports = controller.handles() if os.name == "posix" else ()
@@ -93,7 +93,7 @@ class Guard:
         with answers, contextlib.suppress(OSError, ValueError):
             while received := answers.read(64):
                 if BEAT in received or HOMING in received:  # it is armed
-                    self._heard_s = time.monotonic()
+                    self._echo_s = time.monotonic()
                 self._ready = self._ready or READY in received
                 self._news.set()
 
@@ -105,7 +105,7 @@ class Guard:
     @property
     def watches(self) -> bool:
         """Whether its last beat came back in time."""
-        return self.process.poll() is None and time.monotonic() - self._heard_s < self._silence_s
+        return self.process.poll() is None and time.monotonic() - self._echo_s < self._silence_s
 
     def send(self, word: bytes) -> None:
         """A beat or a word; nothing where it is gone."""
@@ -124,7 +124,7 @@ class Guard:
             self.process.wait(START_S if resting else LEAVING_S)
         except subprocess.TimeoutExpired:
             if not resting:
-                LEFT.append(self.process)
+                DETACHED.append(self.process)
                 return
             self.process.kill()
             self.process.wait()
@@ -152,9 +152,7 @@ def main() -> None:
         if word == BYE or (not word and not armed):
             return
         if word in (BEAT, HOMING):
-            armed = True
-            if isinstance(guarded, Grbl):
-                guarded.homing = word == HOMING
+            armed, guarded.homing = True, word == HOMING
         elif word == REST:
             armed = False
         else:

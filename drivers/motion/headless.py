@@ -28,15 +28,15 @@ from drivers.motion.linuxcnc import ACCEPT_S, PASSWORDS, LinuxCnc
 from drivers.motion.twins import PASSED
 
 OPTION = "--controller linuxcnc"
-NEEDED = ("linuxcnc", "linuxcncrsh", "halcmd", "pidof", "stdbuf")
-OTHERWISE = "--controller twin shows the same without it."
+PROGRAMS = ("linuxcnc", "linuxcncrsh", "halcmd", "pidof", "stdbuf")
+TWIN_ADVICE = "--controller twin shows the same without it."
 LOCK = Path("/tmp/linuxcnc.lock")
-PARTS = ("linuxcncsvr", "milltask", "rtapi_app")
+PROCESSES = ("linuxcncsvr", "milltask", "rtapi_app")
 START_S, END_S = 30.0, 15.0
-EVERY_S = 0.005
+MOTOR_LOOK_S = 0.005
 """Motors are looked at so often: a machine that comes from below is below for longer."""
 
-LAST = 250
+LOG_LETTERS = 250
 """Characters of its log in a sentence."""
 
 ROOM_MM = 20.0
@@ -131,18 +131,18 @@ class SimulatedJoints:
 
 def check_linuxcnc() -> None:
     """Raises UsageError where no LinuxCNC can be started."""
-    missing = [name for name in NEEDED if shutil.which(name) is None]
+    missing = [name for name in PROGRAMS if shutil.which(name) is None]
     if missing:
-        next_step = f"On Debian: apt install linuxcnc-uspace. {OTHERWISE}"
+        next_step = f"On Debian: apt install linuxcnc-uspace. {TWIN_ADVICE}"
         raise UsageError(
             OPTION, f"no {missing[0]} here", "LinuxCNC 2.9 on this computer", next_step
         )
     if sys.platform != "win32" and os.geteuid() == 0 and "RTAPI_UID" not in os.environ:
         obstacle = "root; LinuxCNC does not start as root"
-        raise UsageError(OPTION, obstacle, "an ordinary user", OTHERWISE)
-    if LOCK.exists() or not subprocess.run(["pidof", *PARTS], capture_output=True).returncode:
+        raise UsageError(OPTION, obstacle, "an ordinary user", TWIN_ADVICE)
+    if LOCK.exists() or not subprocess.run(["pidof", *PROCESSES], capture_output=True).returncode:
         obstacle = "a LinuxCNC that is running: starting a second one would end it"
-        next_step = f"Close it; if there is none, remove {LOCK}. {OTHERWISE}"
+        next_step = f"Close it; if there is none, remove {LOCK}. {TWIN_ADVICE}"
         raise UsageError(OPTION, obstacle, "none", next_step)
 
 
@@ -167,7 +167,7 @@ class Motors:
 
     def _follow(self) -> None:
         last = self._mounted
-        while not self._ends.wait(EVERY_S):
+        while not self._ends.wait(MOTOR_LOOK_S):
             if (now := self.at_mm) != last:
                 self._passed.append(now)
                 last = now
@@ -212,7 +212,7 @@ class _Operator(LinuxCnc):
             end_s = time.monotonic() + START_S
             while (answer := self._get(name)) != value:
                 if time.monotonic() > end_s:
-                    raise MotionError(f"LinuxCNC, {name}", answer, value, OTHERWISE)
+                    raise MotionError(f"LinuxCNC, {name}", answer, value, TWIN_ADVICE)
                 time.sleep(0.05)
         self.ready()
 
@@ -228,7 +228,7 @@ class HeadlessLinuxCnc:
         check_linuxcnc()
         with socket.create_server(("127.0.0.1", 0)) as free:
             port = free.getsockname()[1]
-        self.told = f"linuxcnc:127.0.0.1:{port}"
+        self.endpoint = f"linuxcnc:127.0.0.1:{port}"
         connect, enable = secrets.token_hex(6), secrets.token_hex(6)
         self._folder = Path(tempfile.mkdtemp(prefix="glidecal-linuxcnc-"))
         self._passwords = os.environ.get(PASSWORDS)
@@ -257,7 +257,7 @@ class HeadlessLinuxCnc:
             raise
 
     def _homed(self, limits: Limits) -> None:
-        operator = _Operator(self.told.removeprefix("linuxcnc:"), limits)
+        operator = _Operator(self.endpoint.removeprefix("linuxcnc:"), limits)
         operator.answer_s = ACCEPT_S
         end_s = time.monotonic() + START_S
         while True:
@@ -266,17 +266,19 @@ class HeadlessLinuxCnc:
                 break
             except ControllerFault as problem:
                 if self._running.poll() is not None or time.monotonic() > end_s:
-                    raise MotionError("LinuxCNC, start", self._said(), "", OTHERWISE) from problem
+                    raise MotionError(
+                        "LinuxCNC, start", self._log_end(), "", TWIN_ADVICE
+                    ) from problem
                 time.sleep(0.1)
         try:
             operator.prepare()
         finally:
             operator.close()
 
-    def _said(self) -> str:
+    def _log_end(self) -> str:
         """The last that it said, without the names of its logs: they are removed with it."""
         log = (self._folder / "log").read_text(encoding="utf-8", errors="replace")
-        return " ".join(log.partition("LinuxCNC terminated")[0].split())[-LAST:]
+        return " ".join(log.partition("LinuxCNC terminated")[0].split())[-LOG_LETTERS:]
 
     def close(self) -> None:
         """End it and remove its files."""

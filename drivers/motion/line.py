@@ -85,7 +85,7 @@ class MotionLine:
     def __init__(self, controller: Controller, patience: Patience = STRICT) -> None:
         self.controller = controller
         self.listener: Callable[[], None] = lambda: None
-        self._why = self._unseen = ""
+        self._why = self._doubt = ""
         self.homing_confirmed = False
         """The operator says that it is homed, where the controller cannot tell."""
         self.facts: tuple[str, ...] = ()
@@ -99,7 +99,7 @@ class MotionLine:
         self._unanswered: tuple[Job, ControllerFault] | None = None
         self._problem: ControllerFault | None = None
         self._by_operator = self._vouched = self._closing = self._broken = False
-        self._left_unseen = False
+        self._closed_moving = False
         self._consent = 0
         now_s = time.monotonic()
         self._calm_s = self._cause_s = self._owner_s = self._face_s = now_s
@@ -121,13 +121,13 @@ class MotionLine:
     @property
     def not_stopped(self) -> bool:
         """Whether a stop should have been seen by now, or before all was let go, and was not."""
-        late = time.monotonic() - self._cause_s > STOP_S
-        return self._left_unseen or (self._state is State.STOPPING and late)
+        is_late = time.monotonic() - self._cause_s > STOP_S
+        return self._closed_moving or (self._state is State.STOPPING and is_late)
 
     @property
     def why(self) -> str:
         """What ended the last consent, in words."""
-        return f"{NOT_STOPPED} {self._why} ({self._unseen})" if self.not_stopped else self._why
+        return f"{NOT_STOPPED} {self._why} ({self._doubt})" if self.not_stopped else self._why
 
     @property
     def place_mm(self) -> Triple | None:
@@ -181,7 +181,7 @@ class MotionLine:
     def _start_owner(self) -> None:
         self._owner_s = time.monotonic()
         self.owner = threading.Thread(
-            target=self._own, name=f"motion {self.controller.address}", daemon=True
+            target=self._run, name=f"motion {self.controller.address}", daemon=True
         )
         self.owner.start()
 
@@ -220,7 +220,7 @@ class MotionLine:
     def go(self, places_mm: Sequence[Triple], feed_mm_min: float) -> Future[Triple]:
         """Move to these places one after the other, each waited for, within the present consent."""
         consent = self._consent
-        return self.ask(lambda: self._went(consent, tuple(places_mm), feed_mm_min))
+        return self.ask(lambda: self._travel(consent, tuple(places_mm), feed_mm_min))
 
     def home(self) -> Future[Triple]:
         """Home the machine, within the present consent."""
@@ -258,7 +258,7 @@ class MotionLine:
             if thread is not None and thread is not threading.current_thread():
                 thread.join(CLOSE_S)
         resting = self._state is not State.STOPPING
-        self._left_unseen = self._left_unseen or not resting
+        self._closed_moving = self._closed_moving or not resting
         self._answer_nobody()
         self.controller.close()
         if self.guard is not None:
@@ -296,7 +296,7 @@ class MotionLine:
         self.listener()
 
     def _rests(self, place_mm: Triple | None) -> None:
-        """It was seen to rest after a stop, or the operator vouches for it."""
+        """Note that the machine rests, as seen after a stop or vouched for by the operator."""
         with self._lock:
             problem = self._problem
             if place_mm is None:
@@ -320,7 +320,7 @@ class MotionLine:
     def _lives(self) -> None:
         self._owner_s = time.monotonic()
 
-    def _own(self) -> None:
+    def _run(self) -> None:
         look_s = time.monotonic()
         while not self._closing or self._state is State.STOPPING:
             self._lives()
@@ -382,7 +382,7 @@ class MotionLine:
             if self._vouched:
                 self._rests(None)
         else:
-            takeover = self.controller.taken_over
+            takeover = self.controller.takeover
             if self._by_operator and takeover is not None:  # a key did not take control away
                 self._by_operator, self._problem, self._why = False, takeover, str(takeover)
             self._rests(place_mm)
@@ -390,13 +390,13 @@ class MotionLine:
     def _gives_up(self, why: str) -> bool:
         """Whether nobody waits to see it rest any more; why it is not seen is said meanwhile."""
         self._lives()
-        self._unseen = why
+        self._doubt = why
         if self.not_stopped:
             self._answer()
         return self._vouched or self._closing
 
-    def _went(self, consent: int, places_mm: tuple[Triple, ...], feed_mm_min: float) -> Triple:
-        """At the last place of a way."""
+    def _travel(self, consent: int, places_mm: tuple[Triple, ...], feed_mm_min: float) -> Triple:
+        """Travel along a way, to its last place."""
         limits = self.controller.limits
         for place_mm in places_mm:
             limits.check(place_mm, feed_mm_min)
@@ -409,7 +409,7 @@ class MotionLine:
         return there_mm
 
     def _wait_for_guard(self) -> None:
-        """Until its first beat came back: before the last look at the machine, not behind it."""
+        """Wait until the guard's first beat came back: before the last look at the machine."""
         guard = self.guard
         end_s = time.monotonic() + self._patience.silence_s
         while self._state is State.CONSENTED and time.monotonic() < end_s:
@@ -467,7 +467,7 @@ class MotionLine:
             self.controller.look()  # a fault only: what was changed is said already
 
     def _ready_again(self) -> Triple:
-        """After the operator's answer: a new connection where that is needed, and all is right."""
+        """Make ready after the operator's answer, with a new connection where that is needed."""
         if self._state not in (State.HELD, State.FAULT):
             raise self.controller.fault(MotionFault.STOPPED, f"{self._state}", "held, or a fault")
         try:
@@ -514,7 +514,7 @@ class MotionLine:
             gap_s, last_s = now_s - last_s, now_s
             if self._state in MAY_MOVE:
                 silent = self._look_after(gap_s, now_s)
-                word = HOMING if getattr(self.controller, "homing", False) else BEAT
+                word = HOMING if self.controller.homing else BEAT
                 if not silent:
                     self.tell_guard(word)
                     last_word = word

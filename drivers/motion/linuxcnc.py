@@ -34,7 +34,7 @@ from drivers.motion.controller import (
 )
 
 PORT = 5007
-THERE = "Is linuxcncrsh running there, and does this port belong to it?"
+SERVER_QUESTION = "Is linuxcncrsh running there, and does this port belong to it?"
 ACCEPT_S = 3.0
 """For what the controller has to accept; it looks ten times a second."""
 
@@ -52,7 +52,7 @@ IDENTITY = "1"
 PASSWORDS = "GLIDECAL_LINUXCNC_PASSWORDS"
 """Environment variable: the password to connect with, a blank, and the one to enable with."""
 
-USUAL = "EMC EMCTOO"
+USUAL_PASSWORDS = "EMC EMCTOO"
 
 MODES = ("G21", "G90", "G94", "G8", "G40", "G61")
 """mm, absolute, mm/min, X as a radius, no compensation of a cutter, exact way. In a line of their
@@ -119,19 +119,19 @@ class LinuxCnc(Controller):
         self._bound = False
         self._open(CONNECT_S)
         deadline = Deadline(CONNECT_S)
-        connect, _, enable = os.environ.get(PASSWORDS, USUAL).partition(" ")
+        connect, _, enable = os.environ.get(PASSWORDS, USUAL_PASSWORDS).partition(" ")
         try:
             self._send(f"hello {connect} glidecal 1")
             answer = self._line(deadline)
             if answer.startswith("HELLO NAK"):
                 raise self._refused("the password to connect")
             if not answer.startswith("HELLO ACK"):
-                raise self._stranger(answer)
+                raise self._not_understood(answer, MotionFault.STRANGER)
             # without verbose what is accepted has no answer
             self._send("set echo off\nset verbose on")
             while self._line(deadline) != "SET VERBOSE ACK":  # what is echoed until then
                 if deadline.over:
-                    raise self._stranger("lines without end")
+                    raise self._not_understood("lines without end", MotionFault.STRANGER)
             self._took_control = True
             self._send(f"set enable {enable}")
             if self._line(deadline) != "SET ENABLE ACK":
@@ -139,7 +139,9 @@ class LinuxCnc(Controller):
         except ControllerFault as problem:
             self.close()
             if problem.kind is MotionFault.LOST:
-                raise self.fault(problem.kind, problem.found, next_step=THERE) from problem
+                raise self.fault(
+                    problem.kind, problem.found, next_step=SERVER_QUESTION
+                ) from problem
             raise
 
     def _open(self, within_s: float) -> None:
@@ -153,10 +155,12 @@ class LinuxCnc(Controller):
         try:
             self._socket = socket.create_connection((host, int(port)), timeout=within_s)
         except (OSError, ValueError) as problem:  # ValueError: a name that is none
-            why = getattr(problem, "strerror", None) or str(problem) or "no answer"
+            reason = getattr(problem, "strerror", None) or str(problem) or "no answer"
             if isinstance(problem, ValueError) or "/" in host:
-                why = f"{host[:60]!r}, no name of a computer"
-            raise self.fault(MotionFault.UNREACHABLE, why, next_step=THERE) from problem
+                reason = f"{host[:60]!r}, no name of a computer"
+            raise self.fault(
+                MotionFault.UNREACHABLE, reason, next_step=SERVER_QUESTION
+            ) from problem
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._received = b""
 
@@ -165,19 +169,14 @@ class LinuxCnc(Controller):
         value = f"{password} is another one"
         return self.fault(MotionFault.REFUSED, value, next_step=next_step)
 
-    def _stranger(self, answer: str) -> ControllerFault:
-        requirement = "what linuxcncrsh answers"
-        value = repr(answer[:60])
-        return self.fault(MotionFault.STRANGER, value, requirement, "Is it another program?")
-
     def ready(self) -> tuple[str, ...]:
         """What is right, in the controller's own words."""
         facts = []
         answers = [self._get(name) for name, _, _ in READY]
-        for (name, ready_states, otherwise), answer in zip(READY, answers, strict=True):
+        for (name, ready_states, remedy), answer in zip(READY, answers, strict=True):
             states = answer.split()[:JOINTS]  # of six joints, whatever there are
             if not states or len(set(states)) != 1 or states[0] not in ready_states:
-                next_step = f"At the controller: {otherwise}."
+                next_step = f"At the controller: {remedy}."
                 value = f"{name} {' '.join(states)}"
                 requirement = f"{name} {' or '.join(ready_states)}"
                 raise self.fault(MotionFault.NOT_READY, value, requirement, next_step)
@@ -301,7 +300,7 @@ class LinuxCnc(Controller):
             earlier = snapshot
 
     @property
-    def own_states(self) -> Mapping[str, str]:
+    def command_states(self) -> Mapping[str, str]:
         """A move is told in MDI."""
         return {"mode": "MDI"}
 
@@ -322,7 +321,7 @@ class LinuxCnc(Controller):
             self._before.append(self._socket)
         self._aborted, self._last_try, self._took_control = False, True, True
         self._open(REJOIN_S)
-        connect, _, enable = os.environ.get(PASSWORDS, USUAL).partition(" ")
+        connect, _, enable = os.environ.get(PASSWORDS, USUAL_PASSWORDS).partition(" ")
         # "get machine": it refuses an abort while it believes from before that the machine is off
         self._send(
             f"hello {connect} glidecal 1\nset echo off\nset verbose on\n"
@@ -425,18 +424,17 @@ class LinuxCnc(Controller):
         self._socket.settimeout(SLICE_S)
         return self._socket
 
-    def _gone(self, why: str) -> ControllerFault:
+    def _gone(self, reason: str) -> ControllerFault:
         if self._socket is not None:
             self._before.append(self._socket)
             self._socket = None
-        return self.fault(MotionFault.LOST, why)
+        return self.fault(MotionFault.LOST, reason)
 
-    def _not_understood(self, answer: str) -> ControllerFault:
+    def _not_understood(self, answer: str, kind: MotionFault = MotionFault.LOST) -> ControllerFault:
         requirement = "what linuxcncrsh answers"
-        value = repr(answer[:60])
-        return self.fault(MotionFault.LOST, value, requirement, "Is it another program?")
+        return self.fault(kind, repr(answer[:60]), requirement, "Is it another program?")
 
 
 def _short(states: str) -> str:
-    """Of six joints, whatever there are, the three that move."""
+    """States of the three joints that move, of six whatever there are."""
     return " ".join(states.split()[:JOINTS])

@@ -69,12 +69,7 @@ TRANSITIONS: dict[tuple[State, Cause], State] = {
     **{(state, Cause.CHANGED): State.HELD for state in (State.READY, State.STOPPED)},
     **{
         (state, Cause.FAILED): State.FAULT
-        for state in (
-            State.READY,
-            State.STOPPED,
-            State.HELD,
-            State.FAULT,
-        )
+        for state in (State.READY, State.STOPPED, State.HELD, State.FAULT)
     },
     (State.HELD, Cause.ANSWERED): State.READY,
     (State.FAULT, Cause.ANSWERED): State.READY,

@@ -46,12 +46,12 @@ class Supervision:
         self.way_mm: tuple[Triple, Triple] | None = None
 
     def baseline(self, snapshot: Snapshot) -> None:
-        """From here on this is how it is to be found."""
+        """Note how the controller is to be found from here on."""
         self._states = dict(snapshot.states)
         self.rests(snapshot.place_mm)
 
     def rests(self, place_mm: Triple | None) -> None:
-        """It rests there; None: somewhere."""
+        """Note where the machine rests; None: somewhere."""
         self.rest_mm = place_mm or self.rest_mm
         self.way_mm = (place_mm, place_mm) if place_mm else None
 
@@ -83,8 +83,8 @@ class Supervision:
             raise self._controller.fault(MotionFault.CHANGED, ", ".join(changes))
         self._states |= {k: v for k, v in snapshot.states.items() if k not in self._states}
 
-    def _elsewhere(self, place_mm: Triple, wanted_mm: Triple) -> ControllerFault:
-        value = f"{place_words(place_mm)} in place of {place_words(wanted_mm)}"
+    def _elsewhere(self, place_mm: Triple, target_mm: Triple) -> ControllerFault:
+        value = f"{place_words(place_mm)} in place of {place_words(target_mm)}"
         tolerance = f"within {self._controller.limits.reached_mm:g} mm of it"
         return self._controller.fault(MotionFault.ELSEWHERE, value, tolerance)
 
@@ -107,7 +107,7 @@ class Supervision:
         controller.limits.check_way(from_mm, to_mm)
         if controller.halt.is_set():
             raise controller.fault(MotionFault.STOPPED, "before it moved")
-        self._states |= controller.own_states
+        self._states |= controller.command_states
         self.way_mm = from_mm, to_mm
         controller.begin(to_mm, feed_mm_min)
         way_s = math.dist(from_mm, to_mm) / feed_mm_min * 60.0
@@ -119,7 +119,7 @@ class Supervision:
         return snapshot.place_mm
 
     def _wait_there(self, from_mm: Triple, to_mm: Triple, patience_s: float) -> None:
-        """Until it no longer moves and is there, or will not be."""
+        """Wait until it no longer moves and is there, or will not be."""
         controller = self._controller
         began_s = way_s = time.monotonic()
         idle_s: float | None = None

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from enum import StrEnum
 from typing import Literal, Protocol
 
-from drivers.motion.controller import Triple
+from drivers.motion.controller import MM_PER_INCH, Triple
 from drivers.twins import Disconnected, Transport, TwinPort
 
 SHORT_MM = 0.5
@@ -100,8 +100,8 @@ class SimulatedAxes:
             return self.frozen or time.monotonic() - self._departed_s < self.way_s
 
     def _now(self) -> Triple:
-        gone_s = time.monotonic() - self._departed_s
-        share = 1.0 if gone_s >= self.way_s else gone_s / self.way_s
+        elapsed_s = time.monotonic() - self._departed_s
+        share = 1.0 if elapsed_s >= self.way_s else elapsed_s / self.way_s
         x, y, z = (a + share * (b - a) for a, b in zip(self.from_mm, self.to_mm, strict=True))
         return x, y, z
 
@@ -110,7 +110,7 @@ class MotionTwin(Protocol):
     """A simulated controller that listens."""
 
     axes: SimulatedAxes
-    told: str
+    endpoint: str
     """What names it to `drivers.motion.controller_of`."""
     moves: list[str]
     """Every line that moved it, or was to."""
@@ -118,7 +118,7 @@ class MotionTwin(Protocol):
     """How long it takes to answer."""
 
     def befall(self, trouble: MotionTrouble) -> None:
-        """From now on this is so."""
+        """Let this trouble begin."""
 
     def mend(self) -> None:
         """Everything is right again, as somebody at the machine makes it."""
@@ -127,7 +127,7 @@ class MotionTwin(Protocol):
         """Stop listening."""
 
 
-RIGHT = {
+HEALTHY = {
     "estop": "OFF",
     "machine": "ON",
     "mode": "MANUAL",
@@ -149,7 +149,7 @@ INI = {"[KINS]JOINTS": 3.0} | {
 }
 """Numbers in the INI of that LinuxCNC, in mm."""
 
-WRONG = {
+TROUBLE_STATES = {
     MotionTrouble.NOT_HOMED: {"joint_homed": "YES NO YES NO NO NO"},
     MotionTrouble.INCH: {"user_linear_units": "INCH"},
     MotionTrouble.OFF: {"machine": "OFF"},
@@ -179,14 +179,14 @@ class LinuxCncTwin:
         self._connect, self._enable = "EMC", "EMCTOO"
         self.lock = threading.Lock()
         self.control: Client | None = None
-        self._right = {**RIGHT, "kinematics_type": "1" if coordinates == "joint" else "4"}
+        self._right = {**HEALTHY, "kinematics_type": "1" if coordinates == "joint" else "4"}
         self.state = dict(self._right)
         self._silent = False
         self._clients: list[socket.socket] = []
         self._dead = False
         self._listen(0)
         self.address = f"127.0.0.1:{self._server.server_address[1]}"
-        self.told = f"linuxcnc:{self.address}"
+        self.endpoint = f"linuxcnc:{self.address}"
 
     def _listen(self, port: int) -> None:
         twin = self
@@ -202,9 +202,9 @@ class LinuxCncTwin:
         self._thread.start()
 
     def befall(self, trouble: MotionTrouble) -> None:
-        """From now on this is so."""
+        """Let this trouble begin."""
         with self.lock:
-            self.state |= WRONG.get(trouble, {})
+            self.state |= TROUBLE_STATES.get(trouble, {})
             if trouble is MotionTrouble.NAK:
                 self.control = None
             elif trouble is MotionTrouble.SILENCE:
@@ -247,10 +247,10 @@ class LinuxCncTwin:
         self._clients.append(connection)
         received = b""
         with contextlib.suppress(OSError):
-            while came := connection.recv(4096):
+            while chunk := connection.recv(4096):
                 if client.echo and client.linked:
-                    connection.sendall(came)
-                received = (received + came).replace(b"\r", b"\n")
+                    connection.sendall(chunk)
+                received = (received + chunk).replace(b"\r", b"\n")
                 *lines, received = received.split(b"\n")
                 for line in lines:
                     answer = self.answer(client, line.decode("latin-1").split())
@@ -265,7 +265,7 @@ class LinuxCncTwin:
                 client.linked = client.linked or fields[1] == self._connect
                 return "HELLO ACK EMCNETSVR 1.1\r\n" if client.linked else "HELLO NAK\r\n"
             case ["GET", name] if client.linked:
-                return self._got(client, name.lower())
+                return self._get(client, name.lower())
             case ["SET", name] if client.linked:
                 is_set = self._set(client, name.lower(), fields[2:])
                 if is_set and not client.verbose:
@@ -273,7 +273,7 @@ class LinuxCncTwin:
                 return f"SET {name} {'ACK' if is_set else 'NAK'}\n\r"
         return "SET NAK\r\n" if fields and fields[0].upper() == "SET" else ""
 
-    def _got(self, client: Client, name: str) -> str:
+    def _get(self, client: Client, name: str) -> str:
         moving = self.axes.moving
         with self.lock:
             if name == "error":
@@ -287,7 +287,7 @@ class LinuxCncTwin:
             elif name in ("abs_act_pos", "abs_cmd_pos", "rel_act_pos", "rel_cmd_pos"):
                 x, y, z = self.axes.at_mm
                 x += self.offset_mm if name.startswith("rel") else 0.0
-                unit = 25.4 if self.state["user_linear_units"] == "INCH" else 1.0
+                unit = MM_PER_INCH if self.state["user_linear_units"] == "INCH" else 1.0
                 value = " ".join(f"{mm / unit:.6f}" for mm in (x, y, z, 0.0, 0.0, 0.0))
             elif name in self.state:
                 value = self.state[name]
@@ -337,7 +337,7 @@ class LinuxCncTwin:
             self.display.append(re.sub(r"#<_ini(\S+)>", self._number, line[7:-1]))
             return
         axis_words = {word[0]: float(word[1:]) for word in re.findall(r"[FXYZ][-+.\d]+", line)}
-        unit = 25.4 if "G20" in self.state["program_codes"].split() else 1.0
+        unit = MM_PER_INCH if "G20" in self.state["program_codes"].split() else 1.0
         self.modal(set(line.split()))
         if not axis_words:
             return
@@ -352,10 +352,10 @@ class LinuxCncTwin:
             )
 
     def _number(self, name: re.Match[str]) -> str:
-        """As a message of G-code shows a number of the INI, or that there is none."""
+        """A number of the INI as a message of G-code shows it, or that there is none."""
         inch = self.state["user_linear_units"] == "INCH" and name[1].endswith("_LIMIT")
         value = self.ini.get(name[1])
-        return "######" if value is None else f"{value / (25.4 if inch else 1.0):.6f}"
+        return "######" if value is None else f"{value / (MM_PER_INCH if inch else 1.0):.6f}"
 
     def close(self) -> None:
         """Stop listening."""
@@ -411,10 +411,10 @@ class GrblTwin:
         self.aborts = self._reports = 0
         self._port = TwinPort(self, transport)
         self.address = self._port.url
-        self.told = f"grbl:{self.address}"
+        self.endpoint = f"grbl:{self.address}"
 
     def befall(self, trouble: MotionTrouble) -> None:
-        """From now on this is so."""
+        """Let this trouble begin."""
         self.state = BOARD_STATES.get(trouble, self.state)
         if self.state == "Hold:0":
             self.axes.freeze()
@@ -465,7 +465,7 @@ class GrblTwin:
         state = self.state or ("Jog" if self.axes.moving else "Idle")
         self._reports += 1
         part = {1: f"|WCO:{self.offset_mm:.3f},0.000,0.000", 2: f"|Ov:{self.override},100,100"}
-        unit = 25.4 if self.settings["13"] == "1" else 1.0
+        unit = MM_PER_INCH if self.settings["13"] == "1" else 1.0
         place = ",".join(f"{mm / unit:.3f}" for mm in self.axes.at_mm)
         return f"<{state}|MPos:{place}|FS:0,0{part.get(self._reports % 10, '')}>\r\n"
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 
 from drivers.profile import (
-    NOTHING,
+    NO_LINE,
     BadReply,
     Evidence,
     Fault,
@@ -26,7 +26,7 @@ from drivers.profile import (
 VALUES = re.compile(r"M0(?P<fields>(?:,[+-]\d{3}\.\d{4})+)", re.ASCII)
 BEYOND = "999.9999"
 NO_VALUES = Grammar(
-    value=NOTHING,
+    value=NO_LINE,
     fault=r"ER,(?:M0|MS|SR|SW),(?P<code>\d\d)",
     passed_over="M0",
     words={
@@ -58,7 +58,7 @@ def parse(text: str, query: Query) -> Outcome | None:
 
 
 def reply(spindle: Spindle) -> str:
-    """As many amplifiers as the channel says; the last one is the spindle's."""
+    """The reply of as many amplifiers as the channel says; the last one is the spindle's."""
     text = spindle.text(8, decimals=4)
     field = text if len(text) == 9 else text[0] + BEYOND
     return f"M0{',+000.0000' * (spindle.channel - 1)},{field}\r\n"

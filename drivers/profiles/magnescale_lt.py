@@ -56,7 +56,7 @@ def parse(text: str, query: Query) -> Outcome | None:
 
 
 def reply(spindle: Spindle) -> str:
-    """In short form; a number too long for the display overflows."""
+    """The reply in short form; a number too long for the display overflows."""
     text = spindle.text(7)
     if len(text) > 8:
         text = f"{text[0]}F{text[-6:]}"

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import RecordError
-from protocols.documents import MOST_BYTES, read_bytes
+from protocols.documents import MOST_BYTES, Triple, read_bytes
 
 Texts = list[tuple[Path, str]]
 """Files in the order in which they were named, each with its text."""
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)"
-WHOLE = r"(?![\w.,])"
+NUMBER_END = r"(?![\w.,])"
 """Behind the last number of an answer: it is all there, as it is not in ``-0,12`` or ``1e308``."""
 COMMAND = re.compile(r"([GM]\d+)(?![\d.:])\s*(.*)")
 WORD = re.compile(rf"([A-Z])\s*({NUMBER}(?:\s*:\s*{NUMBER})*°?)?\s*")
@@ -58,7 +58,7 @@ class CodeLine:
     words: dict[str, tuple[float, ...]]
 
     @property
-    def where(self) -> str:
+    def source(self) -> str:
         """File and line, for messages."""
         return f"{self.path.name}, line {self.number}"
 
@@ -72,7 +72,7 @@ class CodeLine:
             return usual
         if len(numbers) != 1 or not math.isfinite(numbers[0]):
             raise RecordError(
-                f"file of a printer {self.where}", repr(self.text), f"{letter} and a number"
+                f"file of a printer {self.source}", repr(self.text), f"{letter} and a number"
             )
         return numbers[0]
 
@@ -103,7 +103,7 @@ def commands(texts: Texts, *codes: str) -> Iterator[CodeLine]:
             yield CodeLine(path, number, plain, match[1], words)
 
 
-def steps_held(texts: Texts) -> tuple[float, float, float] | None:
+def motor_steps(texts: Texts) -> Triple | None:
     """Steps per mm of the motors of towers X, Y, Z: the last of M92; None without one for each.
 
     Raises RecordError for one that is no number above 0.
@@ -114,7 +114,7 @@ def steps_held(texts: Texts) -> tuple[float, float, float] | None:
             steps[tower] = line.value(tower)
             if not steps[tower] > 0.0:
                 raise RecordError(
-                    f"file of a printer {line.where}", repr(line.text), "steps per mm above 0"
+                    f"file of a printer {line.source}", repr(line.text), "steps per mm above 0"
                 )
     return (steps["X"], steps["Y"], steps["Z"]) if len(steps) == len("XYZ") else None
 

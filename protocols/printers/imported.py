@@ -17,12 +17,12 @@ from protocols.machine import Instrument, Machine, machine_text
 from protocols.observations import BY_HAND, SAME_PLACE_MM
 from protocols.printers import klipper, marlin, repetier, reprapfirmware
 from protocols.printers.gcode import Texts, read_printed
-from protocols.printers.tower_printer import LARGEST, OFF_PLATE_MM, Contact, Held, Pair
+from protocols.printers.tower_printer import LARGEST, OFF_PLATE_MM, Contact, FileContent, Pair
 from protocols.procedure import default_mount
 from protocols.session import Opened, Reading
 from protocols.table import is_table
 
-WHAT = "file of a printer"
+SUBJECT = "file of a printer"
 STEEPEST = 0.1
 """Of a plate as contacts show it: over one that is steeper no nozzle printed."""
 
@@ -33,7 +33,7 @@ MOST_CONTACTS = 100_000
 """A record of more would be beyond its size: a contact takes about half a kilobyte."""
 
 MOST_REMARKS = 20
-SHOWN = 80
+LETTERS = 80
 """Letters of a line that a message repeats."""
 
 
@@ -48,17 +48,17 @@ class ImportedPrinter:
     opened: Opened
     contacts: tuple[Reading, ...]
     machine_file: str | None
-    odd: tuple[str, ...]
+    oddities: tuple[str, ...]
     distances: tuple[Measured, ...] = ()
 
 
 class Dialect(Protocol):
     """A module that reads files of one firmware."""
 
-    def is_mine(self, text: str) -> bool:
+    def recognises(self, text: str) -> bool:
         """Whether a text has a line that only this firmware has."""
 
-    def held(self, texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
+    def content(self, texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
         """Geometry and contacts of these files together. Raises RecordError.
 
         The probe is ``beside_mm`` the tool, in x and y, where no file tells.
@@ -78,9 +78,9 @@ def are_of_printer(paths: Sequence[Path]) -> bool:
         return True
     if is_table(paths[0]):
         return False
-    text = read_printed(paths[0], WHAT)
+    text = read_printed(paths[0], SUBJECT)
     has_columns = "_mm" in text.partition("\n")[0]
-    return not has_columns or any(dialect.is_mine(text) for dialect in DIALECTS)
+    return not has_columns or any(dialect.recognises(text) for dialect in DIALECTS)
 
 
 def imported_printer(
@@ -99,43 +99,44 @@ def imported_printer(
     contacts may be missing. Raises RecordError for files without geometry or contacts, or contacts
     that are none of this machine, UsageError for a machine that is stated and read.
     """
-    held = _held(paths, (machine and machine.probe_offset_mm) or (0.0, 0.0))
-    if held.printer is not None and machine is not None:
+    content = _content(paths, (machine and machine.probe_offset_mm) or (0.0, 0.0))
+    if content.printer is not None and machine is not None:
         raise UsageError(
             "--machine",
             f"{machine.name}, beside the geometry in {paths[0]}",
             "one of both",
             "Leave it out: the machine file is made of the printer's own numbers.",
         )
-    if not held.contacts and not geometry_alone:
+    if not content.contacts and not geometry_alone:
         raise RecordError(
-            f"{WHAT} {paths[0]}",
-            "no contact with the plate" + "".join(f". Not used: {odd}" for odd in held.odd[:1]),
+            f"{SUBJECT} {paths[0]}",
+            "no contact with the plate"
+            + "".join(f". Not used: {oddity}" for oddity in content.oddities[:1]),
             "heights that the firmware saved, or a log of its probe beside it",
             "Write the machine file now (--machine-file-out), with it the places to probe "
             "(glidecal plan --macro), run them, and name their log here, too.",
         )
-    if len(held.contacts) > MOST_CONTACTS:
+    if len(content.contacts) > MOST_CONTACTS:
         raise RecordError(
-            f"{WHAT} {paths[-1]}",
-            f"{len(held.contacts):,} contacts",
+            f"{SUBJECT} {paths[-1]}",
+            f"{len(content.contacts):,} contacts",
             f"up to {MOST_CONTACTS:,} in a session",
             "Import the log of one run of the places, not that of weeks.",
         )
     text = None
-    if held.printer is not None:
-        machine = held.printer.machine(held.contacts, held.beside_mm)
+    if content.printer is not None:
+        machine = content.printer.machine(content.contacts, content.beside_mm)
         names = ", ".join(path.name for path in paths)
         text = machine_text(
             machine, (f"Made by glidecal import from {names}. Lengths in mm.", *NOTE)
         )
     if machine is None:
         raise RecordError(
-            f"{WHAT} {paths[0]}",
+            f"{SUBJECT} {paths[0]}",
             "contacts, and no geometry",
             "the printer's configuration beside it, or --machine",
         )
-    _check(", ".join(map(str, paths)), held.contacts, machine)
+    _check(", ".join(map(str, paths)), content.contacts, machine)
     instrument = Instrument(
         profile="probe",
         port=paths[0].name,
@@ -143,7 +144,7 @@ def imported_printer(
         resolution_mm=resolution_mm,
         repeatability_mm=repeatability_mm,
     )
-    unused = tuple(f"not used: {words}" for words in held.odd[:MOST_REMARKS])
+    unused = tuple(f"not used: {words}" for words in content.oddities[:MOST_REMARKS])
     opened = Opened(
         program=program,
         origin="imported",
@@ -151,7 +152,9 @@ def imported_printer(
         instruments=(instrument,),
         remarks=(*remarks, *unused),
     )
-    return ImportedPrinter(opened, _readings(held.contacts), text, held.odd, held.distances)
+    return ImportedPrinter(
+        opened, _readings(content.contacts), text, content.oddities, content.distances
+    )
 
 
 NOTE = (
@@ -161,25 +164,29 @@ NOTE = (
 )
 
 
-def _held(paths: Sequence[Path], beside_mm: Pair) -> Held:
+def _content(paths: Sequence[Path], beside_mm: Pair) -> FileContent:
     """What all files hold together, in the first dialect that knows them all.
 
     Raises RecordError naming the file that the dialect of the first one does not know.
     """
-    texts = [(path, read_printed(path, WHAT)) for path in paths]
+    texts = [(path, read_printed(path, SUBJECT)) for path in paths]
     _refuse_twice(texts)
-    knowing = [[dialect.is_mine(text) for _, text in texts] for dialect in DIALECTS]
-    best = max(range(len(DIALECTS)), key=lambda k: sum(knowing[k]))
-    strange = [path for path, mine in zip(paths, knowing[best], strict=True) if not mine]
-    if strange:
+    recognised = [[dialect.recognises(text) for _, text in texts] for dialect in DIALECTS]
+    best = max(range(len(DIALECTS)), key=lambda k: sum(recognised[k]))
+    strangers = [
+        path
+        for path, is_recognised in zip(paths, recognised[best], strict=True)
+        if not is_recognised
+    ]
+    if strangers:
         raise RecordError(
-            f"{WHAT} {strange[0]}",
+            f"{SUBJECT} {strangers[0]}",
             "no geometry and no answer of a probe",
             "files of one printer: its configuration, a log of its probe",
             "They are printer.cfg and the answers of PROBE (Klipper), config.g and those of G32 "
             "(RepRapFirmware), M503 with G30 or G33 (Marlin), M205 with G29 (Repetier).",
         )
-    return DIALECTS[best].held(texts, beside_mm)
+    return DIALECTS[best].content(texts, beside_mm)
 
 
 def _refuse_twice(texts: Texts) -> None:
@@ -188,10 +195,10 @@ def _refuse_twice(texts: Texts) -> None:
     As of a log that was saved, went on, and was saved again.
     """
     for k, (path, text) in reversed([*enumerate(texts)]):
-        for other, longer in [*texts[:k], *texts[k + 1 :]]:
+        for other_path, longer in [*texts[:k], *texts[k + 1 :]]:
             if text.strip() and text.strip() in longer:
-                see = f"the same text as in {other}"
-                raise RecordError(f"{WHAT} {path}", see, "each file once", "Leave it out.")
+                see = f"the same text as in {other_path}"
+                raise RecordError(f"{SUBJECT} {path}", see, "each file once", "Leave it out.")
 
 
 def _check(files: str, contacts: Sequence[Contact], machine: Machine) -> None:
@@ -206,10 +213,10 @@ def _check(files: str, contacts: Sequence[Contact], machine: Machine) -> None:
     for contact, off, reached in zip(contacts, off_mm.tolist(), reachable, strict=True):
         x, y, z = contact.place_mm
         if not reached or abs(off - usual_mm) > OFF_PLATE_MM:
-            why = f"{abs(off - usual_mm):.3g} mm off the others" if reached else "not reached"
+            reason = f"{abs(off - usual_mm):.3g} mm off the others" if reached else "not reached"
             raise RecordError(
-                f"{WHAT} {files}",
-                f"{contact.text[:SHOWN]}: the tool at ({x:.6g}, {y:.6g}, {z:.6g}) mm, {why}",
+                f"{SUBJECT} {files}",
+                f"{contact.text[:LETTERS]}: the tool at ({x:.6g}, {y:.6g}, {z:.6g}) mm, {reason}",
                 allowed,
                 "Are these contacts of another geometry, or in another unit? Take out a place that "
                 "failed.",
@@ -229,13 +236,12 @@ def _check_neighbours(files: str, contacts: Sequence[Contact], off_mm: FloatArra
         steep = step_mm / np.maximum(apart_mm, BESIDE_MM)
         worst = int(steep.argmax())
         if steep[worst] > STEEPEST:
-            odd, beside = sorted(
-                (number, worst), key=lambda k: -abs(off_mm[k] - float(np.median(off_mm)))
-            )
+            pair = sorted((number, worst), key=lambda k: -abs(off_mm[k] - float(np.median(off_mm))))
+            text, neighbour = (contacts[k].text[:LETTERS] for k in pair)
             raise RecordError(
-                f"{WHAT} {files}",
-                f"{contacts[odd].text[:SHOWN]}: {step_mm[worst]:.3g} mm off a contact that is "
-                f"{apart_mm[worst]:.3g} mm beside it, {contacts[beside].text[:SHOWN]}",
+                f"{SUBJECT} {files}",
+                f"{text}: {step_mm[worst]:.3g} mm off a contact that is "
+                f"{apart_mm[worst]:.3g} mm beside it, {neighbour}",
                 "contacts with one plate, with the values that the configuration has now",
                 "Were values changed between these contacts? Probe again, or take out the line of "
                 "a contact that is wrong.",

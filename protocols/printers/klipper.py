@@ -20,14 +20,13 @@ from calib.errors import RecordError, UnreachablePosture
 from calib.tripod import UPRIGHT_TOWERS
 from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.distance_table import Measured
-from protocols.documents import MOST_WRITTEN_BYTES
-from protocols.printers.gcode import WHOLE, Texts, read_printed
+from protocols.documents import MOST_EDITED_BYTES, Triple
+from protocols.printers.gcode import NUMBER_END, Texts, read_printed
 from protocols.printers.tower_printer import (
     OFF_PLATE_MM,
     Contact,
-    Held,
+    FileContent,
     Pair,
-    Three,
     TowerPrinter,
 )
 
@@ -42,19 +41,21 @@ PROBES = ("probe", "bltouch", "smart_effector", "probe_eddy_current", "load_cell
 MOST_HEIGHTS = 999
 MOST_INCLUDES = 200
 FULL_STEPS = 200
-PLACES = 9
+DECIMALS = 9
 """Decimals of a place in mm, so that one that is at 0 is shown there."""
 
 NUMBER = r"([+-]?\d+(?:\.\d+)?)"
-PROBED = re.compile(rf"probe: at {NUMBER},{NUMBER} bed will contact at z={NUMBER}{WHOLE}", re.ASCII)
-PROBED_BEFORE = re.compile(rf"probe at {NUMBER},{NUMBER} is z={NUMBER}{WHOLE}", re.ASCII)
+PROBED = re.compile(
+    rf"probe: at {NUMBER},{NUMBER} bed will contact at z={NUMBER}{NUMBER_END}", re.ASCII
+)
+PROBED_BEFORE = re.compile(rf"probe at {NUMBER},{NUMBER} is z={NUMBER}{NUMBER_END}", re.ASCII)
 """Of programs from before 2025: the place of the tool, and its height as the probe tripped."""
 
 ANSWER = re.compile(r"\bprobe:? at ")
-SENT_SAVE = re.compile(r"(?:[\W\d]|[AP]M\b|Send:)*SAVE_CONFIG\s*$")
+SAVE_COMMAND = re.compile(r"(?:[\W\d]|[AP]M\b|Send:)*SAVE_CONFIG\s*$")
 """The command, as hosts repeat it."""
 OF_CALIBRATION = re.compile(r"(manual_height|height|distance)(\d+)(_pos[12]?)?$")
-KNOWN = {"radius", "horizontal_move_z", "speed", "points"}
+SETTING_KEYS = {"radius", "horizontal_move_z", "speed", "points"}
 """Keys of ``[delta_calibrate]`` that are no measurement."""
 
 
@@ -63,7 +64,7 @@ def is_config(text: str) -> bool:
     return re.search(r"^\[printer\]", text, re.MULTILINE) is not None
 
 
-def is_mine(text: str) -> bool:
+def recognises(text: str) -> bool:
     """Whether a text is a ``printer.cfg``, or has answers of the command PROBE."""
     return is_config(text) or ANSWER.search(text) is not None
 
@@ -81,21 +82,21 @@ class Config:
 
     path: Path
     parser: configparser.RawConfigParser = field(default_factory=_parser)
-    odd: list[str] = field(default_factory=list)
+    oddities: list[str] = field(default_factory=list)
     included: int = 0
 
     @classmethod
     def read(cls, path: Path) -> Config:
         """Raises RecordError naming the file and what cannot be read of it."""
         config = cls(path)
-        plain, _, saved = read_printed(path, WHAT, MOST_WRITTEN_BYTES).partition(SAVED_HEADER)
+        plain, _, saved = read_printed(path, SUBJECT, MOST_EDITED_BYTES).partition(SAVED_HEADER)
         config._add(path, plain, [path.resolve()])
         lines = saved.splitlines()
-        strange = [line for line in lines if line.strip() and not line.startswith(SAVED)]
-        if strange:
+        strangers = [line for line in lines if line.strip() and not line.startswith(SAVED)]
+        if strangers:
             raise RecordError(
-                f"{WHAT} {path}, below the SAVE_CONFIG line",
-                repr(strange[0]),
+                f"{SUBJECT} {path}, below the SAVE_CONFIG line",
+                repr(strangers[0]),
                 "lines that begin with #*#, as Klipper wrote them",
                 "Klipper does not read this block either: remove the line.",
             )
@@ -131,14 +132,14 @@ class Config:
         except (ValueError, NotImplementedError):  # nothing, or from the root of the disk
             targets = []
         if not targets:
-            self.odd.append(f"[include {name}] of {path.name}: there is no such file")
+            self.oddities.append(f"[include {name}] of {path.name}: there is no such file")
         for target in targets:
             resolved = target.resolve()
             self.included += 1
             if resolved in inside or self.included > MOST_INCLUDES:
                 allowed = f"no file inside itself, {MOST_INCLUDES} files together"
-                raise RecordError(f"{WHAT} {path}", f"[include {name}]", allowed)
-            self._add(target, read_printed(target, WHAT, MOST_WRITTEN_BYTES), [*inside, resolved])
+                raise RecordError(f"{SUBJECT} {path}", f"[include {name}]", allowed)
+            self._add(target, read_printed(target, SUBJECT, MOST_EDITED_BYTES), [*inside, resolved])
 
     def _parse(
         self, path: Path, text: str, parser: configparser.RawConfigParser | None = None
@@ -150,9 +151,9 @@ class Config:
                 getattr(problem, "lineno", None)
                 or (getattr(problem, "errors", None) or [[0]])[0][0]
             )
-            where = f", near line {line}" if line else ""
+            place = f", near line {line}" if line else ""
             raise RecordError(
-                f"{WHAT} {path}{where}",
+                f"{SUBJECT} {path}{place}",
                 reason="no section or key, as Klipper has them",
                 next_step="Give the printer.cfg that the printer starts with.",
             ) from problem
@@ -161,7 +162,7 @@ class Config:
         self, section: str, key: str, usual: float | None = None, *, above: float | None = None
     ) -> float:
         """A finite number. Raises RecordError where it is missing, no number, or not above."""
-        subject = f"{WHAT} {self.path}, [{section}] {key}"
+        subject = f"{SUBJECT} {self.path}, [{section}] {key}"
         text = self.text(section, key)
         if text is None:
             if usual is None:
@@ -185,45 +186,45 @@ class Config:
         return dict(self.parser.items(section)) if self.parser.has_section(section) else {}
 
 
-WHAT = "printer configuration"
+SUBJECT = "printer configuration"
 
 
-def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
+def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
     """Geometry and contacts of one ``printer.cfg`` and logs of PROBE. Raises RecordError."""
     paths = [path for path, text in texts if is_config(text)]
     if len(paths) > 1:
         names = ", ".join(map(str, paths))
-        raise RecordError(WHAT, names, "one printer.cfg; it includes the others")
+        raise RecordError(SUBJECT, names, "one printer.cfg; it includes the others")
     config = Config.read(paths[0]) if paths else None
-    of_config = _held_in(paths[0], config) if config else Held(None, ())
-    contacts, odd = [*of_config.contacts], [*of_config.odd]
+    of_config = _content_of_config(paths[0], config) if config else FileContent(None, ())
+    contacts, oddities = [*of_config.contacts], [*of_config.oddities]
     for path, text in texts:
         if path not in paths:
             offset_mm = _probe_offset_mm(config) if config else (*beside_mm, 0.0)
-            more, strange = _probed(text, offset_mm, path.name)
-            contacts += more
-            odd += strange
-    return replace(of_config, contacts=tuple(contacts), odd=tuple(odd))
+            log_contacts, log_oddities = _probed(text, offset_mm, path.name)
+            contacts += log_contacts
+            oddities += log_oddities
+    return replace(of_config, contacts=tuple(contacts), oddities=tuple(oddities))
 
 
-def _held_in(path: Path, config: Config) -> Held:
+def _content_of_config(path: Path, config: Config) -> FileContent:
     """What a ``printer.cfg`` holds. Raises RecordError for a machine without upright towers."""
     kinematics = config.text("printer", "kinematics") or "nothing"
     if kinematics != UPRIGHT_TOWERS:
         raise RecordError(
-            f"{WHAT} {path}, [printer] kinematics",
+            f"{SUBJECT} {path}, [printer] kinematics",
             kinematics,
             f"{UPRIGHT_TOWERS}: three upright towers",
             "Other printers are not calibrated here.",
         )
     printer, step_mm = _printer(path, config)
-    odd = [*config.odd]
-    contacts, distances = _measured(config, printer, step_mm, odd)
+    oddities = [*config.oddities]
+    contacts, distances = _measured(config, printer, step_mm, oddities)
     x_offset, y_offset, _ = _probe_offset_mm(config)
-    return Held(printer, contacts, tuple(odd), distances, (x_offset, y_offset))
+    return FileContent(printer, contacts, tuple(oddities), distances, (x_offset, y_offset))
 
 
-def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Three]:
+def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Triple]:
     radius = config.number("printer", RADIUS, above=0.0)
     first_arm = config.number(STEPPERS[0], "arm_length", above=radius)
     first_stop = config.number(STEPPERS[0], "position_endstop")
@@ -234,12 +235,17 @@ def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Three]:
         for name, usual in zip(STEPPERS, USUAL_ANGLES_DEG, strict=True)
     ]
     turns = [_turn_mm(config, name) for name in STEPPERS]
-    steps = [turn / _steps_a_turn(config, name) for turn, name in zip(turns, STEPPERS, strict=True)]
+    microsteps = [
+        config.number(name, "full_steps_per_rotation", FULL_STEPS, above=0.0)
+        * config.number(name, "microsteps", above=0.0)
+        for name in STEPPERS
+    ]
+    steps = [turn / count for turn, count in zip(turns, microsteps, strict=True)]
     a, b, c = (config.number(name, "rotation_distance", above=0.0) for name in STEPPERS)
     stated = config.text("printer", "print_radius") is not None
     printable = config.number("printer", "print_radius", above=0.0) if stated else None
     printer = TowerPrinter(
-        f"{WHAT} {path}",
+        f"{SUBJECT} {path}",
         path.stem,
         (arms[0], arms[1], arms[2]),
         (radius, radius, radius),
@@ -258,7 +264,7 @@ def _turn_mm(config: Config, stepper: str) -> float:
     if config.text(stepper, "rotation_distance") is None:
         old = config.text(stepper, "step_distance")
         raise RecordError(
-            f"{WHAT} {config.path}, [{stepper}] rotation_distance",
+            f"{SUBJECT} {config.path}, [{stepper}] rotation_distance",
             "nothing" if old is None else f"step_distance: {old}, as Klipper had it before 2021",
             "the travel for one turn, in mm: without it steps have no length",
             "Give the printer.cfg that the printer starts with today.",
@@ -272,21 +278,16 @@ def _gearing(config: Config, stepper: str) -> float:
         match = re.fullmatch(rf"{NUMBER}\s*:\s*{NUMBER}", pair)
         if match is None or not float(match[1]) > 0.0 or not float(match[2]) > 0.0:
             raise RecordError(
-                f"{WHAT} {config.path}, [{stepper}] gear_ratio", repr(text), "such as 80:16"
+                f"{SUBJECT} {config.path}, [{stepper}] gear_ratio", repr(text), "such as 80:16"
             )
         ratio *= float(match[1]) / float(match[2])
     return ratio
 
 
-def _steps_a_turn(config: Config, stepper: str) -> float:
-    full = config.number(stepper, "full_steps_per_rotation", FULL_STEPS, above=0.0)
-    return full * config.number(stepper, "microsteps", above=0.0)
-
-
 def _measured(
-    config: Config, printer: TowerPrinter, step_mm: Three, odd: list[str]
+    config: Config, printer: TowerPrinter, step_mm: Triple, oddities: list[str]
 ) -> tuple[tuple[Contact, ...], tuple[Measured, ...]]:
-    """Contacts and distances of the saved block; what is not used of it goes to ``odd``."""
+    """Contacts and distances of the saved block; what is not used of it goes to ``oddities``."""
     keys = config.keys(CALIBRATION)
     keys_of_contacts: set[str] = set()
     contacts, distances = [], []
@@ -298,34 +299,34 @@ def _measured(
         keys_of_contacts |= {key, f"{key}_pos1", f"{key}_pos2"}
         distances.append(_distance(config, printer, step_mm, key))
     for key in keys:
-        if key not in keys_of_contacts and key not in KNOWN:
+        if key not in keys_of_contacts and key not in SETTING_KEYS:
             match = OF_CALIBRATION.match(key)
-            why = "a number before it is missing" if match else "not known"
-            odd.append(f"[{CALIBRATION}] {key}: {why}")
+            reason = "a number before it is missing" if match else "not known"
+            oddities.append(f"[{CALIBRATION}] {key}: {reason}")
     return tuple(contacts), tuple(distances)
 
 
-def _numbered(config: Config, name: str, more: Sequence[str]) -> Iterator[str]:
+def _numbered(config: Config, name: str, endings: Sequence[str]) -> Iterator[str]:
     """Keys of that name from 0 up to the first that is missing, where Klipper stops, too.
 
-    Raises RecordError where one has no steps ``more`` beside it.
+    Raises RecordError where one has no steps ``endings`` beside it.
     """
     keys = config.keys(CALIBRATION)
     for number in range(MOST_HEIGHTS):
         key = f"{name}{number}"
         if key not in keys:
             break
-        for end in more:
+        for end in endings:
             if key + end not in keys:
                 raise RecordError(
-                    f"{WHAT} {config.path}, [{CALIBRATION}] {key}{end}",
+                    f"{SUBJECT} {config.path}, [{CALIBRATION}] {key}{end}",
                     "nothing",
                     f"three numbers of steps beside {key}",
                 )
         yield key
 
 
-def _contact(config: Config, printer: TowerPrinter, step_mm: Three, key: str) -> Contact:
+def _contact(config: Config, printer: TowerPrinter, step_mm: Triple, key: str) -> Contact:
     height_mm = config.number(CALIBRATION, key)
     place_mm = _place(config, printer, step_mm, f"{key}_pos", height_mm)
     return Contact(
@@ -337,51 +338,51 @@ def _contact(config: Config, printer: TowerPrinter, step_mm: Three, key: str) ->
     )
 
 
-def _distance(config: Config, printer: TowerPrinter, step_mm: Three, key: str) -> Measured:
+def _distance(config: Config, printer: TowerPrinter, step_mm: Triple, key: str) -> Measured:
     """Between places on the plate; the steps count from the switches, as those of heights do."""
     value_mm = config.number(CALIBRATION, key, above=0.0)
     ends = [f"{key}_pos{end}" for end in (1, 2)]
     first, second = (_place(config, printer, step_mm, end, 0.0) for end in ends)
     steps = ", ".join(f"{end}: {config.text(CALIBRATION, end)}" for end in ends)
-    where = f"{WHAT} {config.path}, [{CALIBRATION}] {key}"
-    return Measured(first, second, value_mm, f"{key}: {value_mm:g}, {steps}", where)
+    subject = f"{SUBJECT} {config.path}, [{CALIBRATION}] {key}"
+    return Measured(first, second, value_mm, f"{key}: {value_mm:g}, {steps}", subject)
 
 
 def _place(
-    config: Config, printer: TowerPrinter, step_mm: Three, key: str, height_mm: float
-) -> Three:
+    config: Config, printer: TowerPrinter, step_mm: Triple, key: str, height_mm: float
+) -> Triple:
     """Where these steps lead to. Raises RecordError further than so much from the height."""
-    where = f"{WHAT} {config.path}, [{CALIBRATION}] {key}"
+    subject = f"{SUBJECT} {config.path}, [{CALIBRATION}] {key}"
     text = config.text(CALIBRATION, key) or ""
     try:
         steps = np.array([float(part) for part in text.split(",")])
     except ValueError:
         steps = np.array([math.nan])
     if steps.shape != (3,) or not np.isfinite(steps).all():
-        raise RecordError(where, repr(text), "three numbers of steps, of a, b and c")
+        raise RecordError(subject, repr(text), "three numbers of steps, of a, b and c")
     carriages = printer.switches_mm - steps * np.array(step_mm)
     try:
         x, y, z = printer.tool_mm(carriages)
     except UnreachablePosture as problem:
-        raise _elsewhere(where, text, "the bars do not meet there") from problem
-    place_mm = round(x, PLACES) + 0.0, round(y, PLACES) + 0.0, round(z, PLACES) + 0.0
+        raise _elsewhere(subject, text, "the bars do not meet there") from problem
+    place_mm = round(x, DECIMALS) + 0.0, round(y, DECIMALS) + 0.0, round(z, DECIMALS) + 0.0
     if abs(z - height_mm) > OFF_PLATE_MM:
         at = ", ".join(f"{value:z.1f}" for value in place_mm)
-        raise _elsewhere(where, text, f"the tool at ({at}) mm")
+        raise _elsewhere(subject, text, f"the tool at ({at}) mm")
     return place_mm
 
 
-def _elsewhere(where: str, text: str, why: str) -> RecordError:
+def _elsewhere(subject: str, text: str, reason: str) -> RecordError:
     return RecordError(
-        where,
-        f"{text}: {why}",
+        subject,
+        f"{text}: {reason}",
         f"a place within {OFF_PLATE_MM:g} mm of the plate",
         "These contacts are of another geometry: endstops, arms or steps changed since. Run "
         "DELTA_CALIBRATE again, save, and import that.",
     )
 
 
-def _probe_offset_mm(config: Config) -> Three:
+def _probe_offset_mm(config: Config) -> Triple:
     """Where the probe trips from the tool, as the section of the probe that there is has it."""
     sections = (name for name in config.parser.sections() if name.split()[0] in PROBES)
     section = next(sections, PROBES[0])
@@ -389,7 +390,7 @@ def _probe_offset_mm(config: Config) -> Three:
     return x, y, z
 
 
-def _probed(text: str, offset_mm: Three, name: str) -> tuple[list[Contact], list[str]]:
+def _probed(text: str, offset_mm: Triple, name: str) -> tuple[list[Contact], list[str]]:
     """Contacts of a log of PROBE, and lines of it that are like answers and cannot be read.
 
     The place that is answered is the probe's, beside the tool; the tool stands its z_offset higher.
@@ -397,11 +398,11 @@ def _probed(text: str, offset_mm: Three, name: str) -> tuple[list[Contact], list
     """
     x_offset, y_offset, z_offset = offset_mm
     contacts: list[Contact] = []
-    odd: list[str] = []
+    oddities: list[str] = []
     for number, line in enumerate(text.splitlines(), start=1):
-        if SENT_SAVE.match(line):
+        if SAVE_COMMAND.match(line):
             if contacts:
-                odd.append(
+                oddities.append(
                     f"{len(contacts)} contacts before SAVE_CONFIG in line {number} of {name}: they "
                     "may be of other values"
                 )
@@ -414,5 +415,5 @@ def _probed(text: str, offset_mm: Three, name: str) -> tuple[list[Contact], list
             x, y, z = (float(part) for part in match.groups())
             contacts.append(Contact((x, y, z), match[0], z_offset))
         elif ANSWER.search(line):
-            odd.append(f"{name}, line {number}: {line.strip()!r}: no place of PROBE")
-    return contacts, odd
+            oddities.append(f"{name}, line {number}: {line.strip()!r}: no place of PROBE")
+    return contacts, oddities

@@ -11,53 +11,55 @@ from __future__ import annotations
 import re
 
 from calib.errors import RecordError
-from protocols.printers.gcode import NUMBER, WHOLE, Texts, lines
-from protocols.printers.tower_printer import Contact, Held, Pair, TowerPrinter
+from calib.tripod.geometry import USUAL_ANGLES_DEG
+from protocols.printers.gcode import NUMBER, NUMBER_END, Texts, lines
+from protocols.printers.tower_printer import Contact, FileContent, Pair, TowerPrinter
 
-NAME = "repetier"
-STORED = re.compile(rf"EPR:\d+ (\d+) ({NUMBER}) ")
-ANSWER = re.compile(rf"Z-probe: ?({NUMBER}) X: ?({NUMBER}) Y: ?({NUMBER}){WHOLE}")
+EEPROM_LINE = re.compile(rf"EPR:\d+ (\d+) ({NUMBER}) ")
+ANSWER = re.compile(rf"Z-probe: ?({NUMBER}) X: ?({NUMBER}) Y: ?({NUMBER}){NUMBER_END}")
 
 STEPS, HEIGHT, ROD, RADIUS, PRINTABLE = 11, 153, 881, 885, 925
 OFFSETS, ANGLES = (893, 895, 897), (901, 905, 909)
 RADII_MORE, RODS_MORE = (913, 917, 921), (933, 937, 941)
-BESIDE = (800, 804)
-PLACES = {
+PROBE_OFFSETS = (800, 804)
+REQUIRED = {
     **{STEPS: "Steps per mm", HEIGHT: "Z max length", ROD: "Diagonal rod length"},
     **{RADIUS: "Horizontal rod radius at 0,0"},
 }
 """Places of the EEPROM that must be there, as they are named beside their values."""
 
 
-def is_mine(text: str) -> bool:
+def recognises(text: str) -> bool:
     """Whether a text has a line that only this firmware has."""
     return re.search(r"\bEPR:\d+ \d+ |Z-probe: ?[-\d]", text) is not None
 
 
-def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
+def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
     """Geometry and contacts of these files together. Raises RecordError."""
     x_beside, y_beside = beside_mm
     stored: dict[int, float] = {}
-    odd: list[str] = []
+    oddities: list[str] = []
     contacts, first = [], ""
-    for where, text in lines(texts):
-        if match := STORED.search(text):
-            first = first or where
+    for source, text in lines(texts):
+        if match := EEPROM_LINE.search(text):
+            first = first or source
             stored[int(match[1])] = float(match[2])
         elif match := ANSWER.search(text):
             down, x, y = (float(part) for part in match.groups())
             contacts.append(Contact((x - x_beside, y - y_beside, 0.0 - down), match[0], 0.0, 0.001))
         elif "Z-probe:" in text:
-            odd.append(f"{where}: {text!r}: no place of a probe")
-    if any(stored.get(place) for place in BESIDE) and not any(beside_mm):
-        odd.append("the probe's offset in X and Y: places are taken as the tool's")
-    return Held(_printer(texts, stored, first), tuple(contacts), tuple(odd), beside_mm=beside_mm)
+            oddities.append(f"{source}: {text!r}: no place of a probe")
+    if any(stored.get(place) for place in PROBE_OFFSETS) and not any(beside_mm):
+        oddities.append("the probe's offset in X and Y: places are taken as the tool's")
+    return FileContent(
+        _printer(texts, stored, first), tuple(contacts), tuple(oddities), beside_mm=beside_mm
+    )
 
 
 def _printer(texts: Texts, stored: dict[int, float], first: str) -> TowerPrinter | None:
     if ROD not in stored and RADIUS not in stored and not stored:
         return None
-    missing = [name for place, name in PLACES.items() if place not in stored]
+    missing = [name for place, name in REQUIRED.items() if place not in stored]
     if missing or not stored[STEPS] > 0.0:
         raise RecordError(
             f"file of a printer, {first}",
@@ -67,7 +69,7 @@ def _printer(texts: Texts, stored: dict[int, float], first: str) -> TowerPrinter
         )
     rods = [stored[ROD] + stored.get(place, 0.0) for place in RODS_MORE]
     radii = [stored[RADIUS] + stored.get(place, 0.0) for place in RADII_MORE]
-    usual = zip(ANGLES, (210.0, 330.0, 90.0), strict=True)
+    usual = zip(ANGLES, USUAL_ANGLES_DEG, strict=True)
     angles = [stored.get(place, angle) for place, angle in usual]
     stops = [stored[HEIGHT] + stored.get(place, 0.0) / stored[STEPS] for place in OFFSETS]
     return TowerPrinter(

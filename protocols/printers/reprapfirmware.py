@@ -12,16 +12,15 @@ from collections.abc import Iterator, Sequence
 
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
-from protocols.printers.gcode import NUMBER, CodeLine, Texts, commands, lines, steps_held
-from protocols.printers.tower_printer import Contact, Held, Pair, TowerPrinter
+from protocols.printers.gcode import NUMBER, CodeLine, Texts, commands, lines, motor_steps
+from protocols.printers.tower_printer import Contact, FileContent, Pair, TowerPrinter
 
-NAME = "reprapfirmware"
 FAR_MM = -9999.0
 """From this Z on down ``G30 P`` probes; above it a person states the height. Without a Z it is that
 where the tool is (GCodes.cpp, ``ExecuteG30``). The answer has stated heights, too."""
 
 ANSWER = re.compile(r"G32 bed probe heights:(.*?)(?:, mean .*)?$", re.MULTILINE)
-HELD = re.compile(
+GEOMETRY = re.compile(
     r"Diagonals? ([\d.:]+), \w+ radius (\d+(?:\.\d+)?), homed height (\d+(?:\.\d+)?)"
     r", bed radius (\d+(?:\.\d+)?)"
     r", X (-?\d+(?:\.\d+)?)[^XYZ]+Y (-?\d+(?:\.\d+)?)[^XYZ]+Z (-?\d+(?:\.\d+)?)"
@@ -40,7 +39,7 @@ SET_GLOBAL = re.compile(
 """A variable, and its value if that is a number."""
 GLOBAL = re.compile(r"\{\s*global\.(\w+)\s*\}")
 TIME = re.compile(r"\b(\d{1,2}):(\d\d):(\d\d)(?:\s?([AP])M\b)?")
-MINE = re.compile(
+SIGNS = re.compile(
     r"^[ \t]*(?:M665[ \t]*[A-Z][ \t]*[-\d.{](?![^;\n]*[SC][ \t]*-?\d)|G30[ \t]*P\d)",
     re.MULTILINE | re.IGNORECASE,
 )
@@ -53,17 +52,17 @@ Answers = list[tuple[str, str]]
 """Where each line stands, and its text."""
 
 
-def is_mine(text: str) -> bool:
+def recognises(text: str) -> bool:
     """Whether a text has a line that only this firmware has."""
-    if ANSWER.search(text) or HELD.search(text):
+    if ANSWER.search(text) or GEOMETRY.search(text):
         return True
-    return MINE.search(text) is not None
+    return SIGNS.search(text) is not None
 
 
-def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
+def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
     """Geometry and contacts of these files together. Raises RecordError."""
-    odd: list[str] = []
-    texts = _as_started(_with_numbers(_in_order(texts)), odd)
+    oddities: list[str] = []
+    texts = _as_started(_with_numbers(_in_order(texts)), oddities)
     answers = list(_answers(texts))
     printer = _printer(texts, answers)
     offset = dict(zip("XYZ", (*beside_mm, 0.0), strict=True))
@@ -76,13 +75,13 @@ def held(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> Held:
         if (answer := ADJUSTED.search(text)) and answer[4]:
             tilt = {"A": float(answer[4]), "B": float(answer[5])}
     contacts = []
-    for probe_x, probe_y, height, where in _heights(texts, answers, odd):
+    for probe_x, probe_y, height, source in _heights(texts, answers, oddities):
         x, y = probe_x - offset["X"], probe_y - offset["Y"]
         raised = (tilt["A"] * x + tilt["B"] * y) / 100.0
         place = (x, y, height + offset["Z"] + raised)
-        contacts.append(Contact(place, f"{height:.3f} of {where}", offset["Z"], 0.001))
+        contacts.append(Contact(place, f"{height:.3f} of {source}", offset["Z"], 0.001))
     beside_mm = (offset["X"], offset["Y"])
-    return Held(printer, tuple(contacts), tuple(odd), beside_mm=beside_mm)
+    return FileContent(printer, tuple(contacts), tuple(oddities), beside_mm=beside_mm)
 
 
 def _in_order(texts: Texts) -> Texts:
@@ -97,12 +96,12 @@ def _in_order(texts: Texts) -> Texts:
     return sorted(texts, key=lambda file: turn(file[1]))
 
 
-def _as_started(texts: Texts, odd: list[str]) -> Texts:
+def _as_started(texts: Texts, oddities: list[str]) -> Texts:
     """Files without what M500 saved where the configuration has no M501, which reads it."""
     configured = [file for file in texts if SAVED not in file[1]]
     if not any(commands(configured, "M665")) or any(commands(configured, "M501")):
         return texts
-    odd += [
+    oddities += [
         f"{path.name}: the configuration has no M501, so the firmware does not read it when it "
         "starts"
         for path, text in texts
@@ -119,8 +118,8 @@ def _with_numbers(texts: Texts) -> Texts:
             values.setdefault(name, set()).add(number)
 
     def number_of(match: re.Match[str]) -> str:
-        (number, *others) = values.get(match[1], {""})
-        return match[0] if others or not number else number
+        (number, *further) = values.get(match[1], {""})
+        return match[0] if further or not number else number
 
     return [(path, GLOBAL.sub(number_of, text)) for path, text in texts]
 
@@ -147,21 +146,21 @@ def _printer(texts: Texts, answers: Answers) -> TowerPrinter | None:
         if line.command == "M665":
             if not line.words.keys() <= set(LETTERS):
                 raise RecordError(
-                    f"file of a printer {line.where}",
+                    f"file of a printer {line.source}",
                     repr(line.text),
                     f"M665 of RepRapFirmware, with {', '.join(LETTERS)}",
                     "Other firmware means other values by M665. Is this file of this printer?",
                 )
             words |= {k: v if k == "L" else (line.value(k),) for k, v in line.words.items()}
-            first = first or line.where
+            first = first or line.source
         else:
             adjusted |= {tower: line.value(tower, adjusted[tower]) for tower in TOWERS}
-    for where, text in answers:
-        if answer := HELD.search(text):
+    for source, text in answers:
+        if answer := GEOMETRY.search(text):
             lengths, *figures = answer.groups()
             words |= {"L": tuple(map(float, lengths.strip(":").split(":")))}
             words |= {letter: (float(v),) for letter, v in zip("RHBXYZ", figures, strict=True)}
-            first = first or where
+            first = first or source
         elif answer := ADJUSTED.search(text):
             adjusted = dict(zip(TOWERS, map(float, answer.groups()[:3]), strict=True))
     if not first:
@@ -195,17 +194,17 @@ def _printer(texts: Texts, answers: Answers) -> TowerPrinter | None:
         (x, y, z),
         (a, b, c),
         words["B"][0] if words.get("B") else None,
-        steps_per_mm=steps_held(texts),
+        steps_per_mm=motor_steps(texts),
     )
 
 
 def _heights(
-    texts: Texts, all_answers: Answers, odd: list[str]
+    texts: Texts, all_answers: Answers, oddities: list[str]
 ) -> Iterator[tuple[float, float, float, str]]:
     """Place of the probe, height, and where that was answered, for each that was measured."""
     groups = _groups(texts)
-    odd += _unlike_contacts(groups)
-    answers = [(where, m[1]) for where, text in all_answers if (m := ANSWER.search(text))]
+    oddities += _unlike_contacts(groups)
+    answers = [(source, m[1]) for source, text in all_answers if (m := ANSWER.search(text))]
     if not answers:
         return
     if not groups or len(answers) % len(groups):
@@ -216,14 +215,14 @@ def _heights(
             "Name that file, too, and no other.",
         )
     calibrates = any(list(group.values())[-1].value("S", -1.0) > 0.0 for group in groups)
-    for number, (where, text) in enumerate(answers):
+    for number, (source, text) in enumerate(answers):
         if calibrates and number:  # the first one changed what is held
-            odd.append(f"{where}: measured after a calibration (S of G30 P above 0)")
+            oddities.append(f"{source}: measured after a calibration (S of G30 P above 0)")
             continue
         group, entries = groups[number % len(groups)], ENTRY.findall(text)
         if len(entries) != len(group):
             raise RecordError(
-                f"file of a printer, {where}",
+                f"file of a printer, {source}",
                 f"{len(entries)} heights for {len(group)} places",
                 "as many heights as places G30 P",
                 "Is this the macro that was run?",
@@ -231,18 +230,18 @@ def _heights(
         for point, entry in zip(sorted(group), entries, strict=True):
             line = group[point]
             if _is_probed(line) and entry in ("not set", "probing failed"):
-                odd.append(f"{where}: place {line.text!r}: {entry}")
+                oddities.append(f"{source}: place {line.text!r}: {entry}")
             elif _is_probed(line):
-                yield line.value("X"), line.value("Y"), float(entry), where
+                yield line.value("X"), line.value("Y"), float(entry), source
 
 
 def _unlike_contacts(groups: Sequence[dict[float, CodeLine]]) -> Iterator[str]:
     """Places that are not probed, and what is added to a height."""
     for line in (line for group in groups for line in group.values()):
         if not _is_probed(line):
-            yield f"{line.where}: {line.text!r}: no place that is probed"
+            yield f"{line.source}: {line.text!r}: no place that is probed"
         elif line.value("H"):
-            yield f"{line.where}: {line.text!r}: the correction H of a height"
+            yield f"{line.source}: {line.text!r}: the correction H of a height"
 
 
 def _is_probed(line: CodeLine) -> bool:
@@ -257,17 +256,17 @@ def _groups(texts: Texts) -> list[dict[float, CodeLine]]:
     where no other one is there.
     """
     groups: list[dict[float, CodeLine]] = []
-    now: dict[float, CodeLine] = {}
+    group_places: dict[float, CodeLine] = {}
     for line in commands(texts, "G30"):
         if "P" not in line.words:
             continue
-        now[line.value("P")] = line
+        group_places[line.value("P")] = line
         if "S" in line.words:
-            groups.append(now)
-            now = {}
-    if now:
-        groups.append(now)
-    answered = [
+            groups.append(group_places)
+            group_places = {}
+    if group_places:
+        groups.append(group_places)
+    reported_groups = [
         group for group in groups if all(line.value("S", -1.0) < 0.0 for line in group.values())
     ]
-    return answered or groups
+    return reported_groups or groups

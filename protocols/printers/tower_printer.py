@@ -36,7 +36,6 @@ CLEAR_MM = 10.0
 LARGEST = 10_000.0
 """Of lengths in mm, and of angles."""
 
-Three = tuple[float, float, float]
 Pair = tuple[float, float]
 
 
@@ -47,7 +46,7 @@ class Contact:
     ``text`` is what the file says; ``resolution_mm`` the step in which places are known.
     """
 
-    place_mm: Three
+    place_mm: Triple
     text: str
     height_mm: float = 0.0
     resolution_mm: float | None = None
@@ -55,17 +54,17 @@ class Contact:
 
 
 @dataclass(frozen=True)
-class Held:
+class FileContent:
     """What the files of a printer hold: its geometry if they have it, contacts, and odd lines.
 
     ``distances`` are those between marks of a printed object. ``beside_mm`` is where the probe is
     from the tool, in x and y.
-    ``odd`` names what looked like geometry or a contact and is not used, with the reason.
+    ``oddities`` names what looked like geometry or a contact and is not used, with the reason.
     """
 
     printer: TowerPrinter | None
     contacts: tuple[Contact, ...]
-    odd: tuple[str, ...] = ()
+    oddities: tuple[str, ...] = ()
     distances: tuple[Measured, ...] = ()
     beside_mm: Pair = (0.0, 0.0)
 
@@ -83,14 +82,14 @@ class TowerPrinter:
 
     thing: str
     name: str
-    length_mm: Three
-    radius_mm: Three
-    endstop_mm: Three
-    angle_deg: Three = USUAL_ANGLES_DEG
+    length_mm: Triple
+    radius_mm: Triple
+    endstop_mm: Triple
+    angle_deg: Triple = USUAL_ANGLES_DEG
     printable_mm: float | None = None
     turn_mm: float | None = None
-    rotation_distance_mm: Three | None = None
-    steps_per_mm: Three | None = None
+    rotation_distance_mm: Triple | None = None
+    steps_per_mm: Triple | None = None
 
     def __post_init__(self) -> None:
         values = (*self.length_mm, *self.radius_mm, *self.endstop_mm, *self.angle_deg)
@@ -107,8 +106,8 @@ class TowerPrinter:
                     f"a radius above 0 and below {NEAR_REACH:g} of the bars' length",
                     "Are these bars and a radius, in mm?",
                 )
-        apart = [(a - b + 180.0) % 360.0 - 180.0 for a, b in combinations(self.angle_deg, 2)]
-        if min(map(abs, apart)) < LEAST_APART_DEG:
+        gaps_deg = [(a - b + 180.0) % 360.0 - 180.0 for a, b in combinations(self.angle_deg, 2)]
+        if min(map(abs, gaps_deg)) < LEAST_APART_DEG:
             raise RecordError(
                 self.thing,
                 f"towers at {', '.join(f'{angle:g}' for angle in self.angle_deg)}°",
@@ -132,7 +131,7 @@ class TowerPrinter:
         """Height of each carriage ``(3,)`` where its switch trips."""
         return np.array(self.endstop_mm) + self._raised_mm
 
-    def tool_mm(self, carriage_mm: FloatArray) -> Three:
+    def tool_mm(self, carriage_mm: FloatArray) -> Triple:
         """Where the tool is with carriages at these heights ``(3,)``.
 
         Raises UnreachablePosture where the bars do not meet.
@@ -155,12 +154,12 @@ class TowerPrinter:
     def joints(self) -> tuple[Literal["x"], Literal["y"], Literal["z"]] | None:
         """Drives of the firmware's towers, where their angles do not tell which is which."""
         places = zip(self.angle_deg, USUAL_ANGLES_DEG, strict=True)
-        apart = [abs((angle - usual + 180.0) % 360.0 - 180.0) for angle, usual in places]
-        return ("x", "y", "z") if max(apart) > FURTHEST_DEG else None
+        gaps_deg = [abs((angle - usual + 180.0) % 360.0 - 180.0) for angle, usual in places]
+        return ("x", "y", "z") if max(gaps_deg) > FURTHEST_DEG else None
 
     @property
     def stated_reach_mm(self) -> float | None:
-        """The same where the firmware states it, or where the usual plate is beyond it."""
+        """The reach where the firmware states it, or where the usual plate is beyond it."""
         is_beyond = self.reach_mm < USUAL_PRINTABLE_MM
         return self.reach_mm if self.printable_mm is not None or is_beyond else None
 
@@ -182,12 +181,12 @@ class TowerPrinter:
         places = np.array([*corners, *edge, *(contact.place_mm for contact in contacts)])
         lowest = self._over_mm(places) + places[:, 2:] - self._raised_mm
         top = float(math.floor((self.switches_mm - over_corners).min() - 1.0))
-        alike = len(set(self.length_mm)) == 1
+        equal_bars = len(set(self.length_mm)) == 1
         up: Triple = (0.0, 0.0, 1.0)
         try:
             return Machine(
                 name=self.name,
-                leg_length_mm=self.length_mm[0] if alike else float(lengths.mean()),
+                leg_length_mm=self.length_mm[0] if equal_bars else float(lengths.mean()),
                 travel_max_mm=float(math.ceil(max(self.endstop_mm))),
                 travel_min_mm=float(math.floor(min(lowest.min(), 0.0) - CLEAR_MM)),
                 workspace_mm=((-half, -half, 0.0), (half, half, max(top, 1.0))),
@@ -212,9 +211,9 @@ class TowerPrinter:
                 steps_per_mm=self.steps_per_mm,
                 screw_lead_mm=self.turn_mm,
                 drive=(
-                    _drive(x[0], y[0], None if alike else self.length_mm[0], up),
-                    _drive(x[1], y[1], None if alike else self.length_mm[1], up),
-                    _drive(x[2], y[2], None if alike else self.length_mm[2], up),
+                    _drive(x[0], y[0], None if equal_bars else self.length_mm[0], up),
+                    _drive(x[1], y[1], None if equal_bars else self.length_mm[1], up),
+                    _drive(x[2], y[2], None if equal_bars else self.length_mm[2], up),
                 ),
             )
         except ValidationError as problem:

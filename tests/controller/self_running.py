@@ -298,7 +298,7 @@ class Running:
         self.followed = FollowedAxes()
         self.followed.switch_on()
         self._cable = Cable()
-        self.told = f"linuxcnc:127.0.0.1:{self._cable.server_address[1]}"
+        self.endpoint = f"linuxcnc:127.0.0.1:{self._cable.server_address[1]}"
         self.axes: SimulatedAxes = self.followed
         self.moves: list[str] = []
         self.late_s = 0.0
@@ -392,7 +392,7 @@ def ended(folder: Path) -> dict[str, object]:
     real, ticker = Running(folder), Ticker()
     for end in (signal.SIGKILL, signal.SIGSTOP):
         at_mm = real.axes.at_mm[0]
-        program = subprocess.Popen([sys.executable, "-c", DIES, real.told, f"{at_mm + 60.0}"])
+        program = subprocess.Popen([sys.executable, "-c", DIES, real.endpoint, f"{at_mm + 60.0}"])
         while real.axes.at_mm[0] < at_mm + 5.0:
             time.sleep(0.002)
         began_s, from_mm = time.monotonic(), real.axes.at_mm[0]
@@ -451,7 +451,7 @@ class Meddled:
     def __init__(self, folder: Path) -> None:
         self._real = Running(folder)
         limits = Limits((-100.0,) * 3, (60.0,) * 3, 120.0, 6000.0, coordinates="tool")
-        self._line = MotionLine(controller_of(self._real.told, limits), BUSY)
+        self._line = MotionLine(controller_of(self._real.endpoint, limits), BUSY)
         self._line.start()
         self._face = Face(self._line)
         self._ticker = Ticker()
@@ -586,7 +586,7 @@ def inch(folder: Path) -> dict[str, object]:
     report: dict[str, object] = {}
     for name, low_mm in (("beyond", -600.0), ("within", -100.0)):
         limits = Limits((low_mm,) * 3, (100.0,) * 3, 120.0, 6000.0, coordinates="joint")
-        line = MotionLine(controller_of(real.told, limits), BUSY)
+        line = MotionLine(controller_of(real.endpoint, limits), BUSY)
         line.start()
         face = Face(line)
         before = real.followed.joints

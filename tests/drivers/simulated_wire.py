@@ -119,7 +119,7 @@ class Tally:
         kinds = set()
         for _ in range(asks):
             start_s = wire.now_s
-            outcome: Outcome = wire.exchange.taken()
+            outcome: Outcome = wire.exchange.checked_outcome()
             if isinstance(outcome, IndicatorReading):
                 self.readings += 1
                 age = age_s(outcome, start_s)

@@ -36,7 +36,7 @@ QUICK = replace(MITUTOYO_01A, timeout_s=0.3, interval_s=0.0)
 def told(profile: Profile, port: str, query: Query | None = None) -> str:
     findings = examine(profile, port, query or Query(), PROFILES.values())
     assert all(finding.next_step for finding in findings if not finding.well)
-    return "\n".join(f"{f.well} {f.what} {f.next_step}" for f in findings)
+    return "\n".join(f"{f.well} {f.description} {f.next_step}" for f in findings)
 
 
 def examined(profile: Profile, fault: str | None = None, position_mm: float = 0.5) -> str:
@@ -297,15 +297,15 @@ def test_no_profile_is_named_for_silence_noise_or_an_echo(twin: Twin, stream_s: 
     assert not trial.fits
     (*_, last) = findings_of(trial)
     assert not last.well
-    assert "no profile fits" in last.what
+    assert "no profile fits" in last.description
 
 
 def test_trying_names_a_profile_in_another_unit_and_says_so() -> None:
     trial = tried(IndicatorTwin(PROFILES["mux"], Spindle(lambda: 0.5, 0.001), "wrong-unit"))
     assert names(trial) == ALIKE["mux"]
     findings = findings_of(trial)
-    assert not any(finding.well for finding in findings if "fits" in finding.what)
-    assert any("reads in inch, mm is expected" in finding.what for finding in findings)
+    assert not any(finding.well for finding in findings if "fits" in finding.description)
+    assert any("reads in inch, mm is expected" in finding.description for finding in findings)
 
 
 def test_trying_stops_when_asked_and_ends_where_the_port_is_gone() -> None:
@@ -319,4 +319,4 @@ def test_trying_stops_when_asked_and_ends_where_the_port_is_gone() -> None:
 def test_trying_a_port_that_does_not_open() -> None:
     (*_, finding) = examine_by_trial("/dev/ttyNONE9", Query(), HASTY, lambda *_: None)
     assert not finding.well
-    assert "no such port" in finding.what
+    assert "no such port" in finding.description

@@ -166,7 +166,7 @@ def test_a_take_in_between_is_what_the_press_was_meant_for() -> None:
     polled(wire, 6.0)
     wire.press()
     polled(wire, 0.5)
-    assert isinstance(wire.exchange.taken(), IndicatorReading)
+    assert isinstance(wire.exchange.checked_outcome(), IndicatorReading)
     assert not polled(wire, 5.0)
     assert not wire.presses
 
@@ -232,7 +232,7 @@ def test_a_lost_byte_changes_no_reading_that_is_kept(profile: Profile) -> None:
         for answers in ((frame, frame, short, frame), (frame, short, frame)):
             wire = Wire(replace(profile, reply=losing(*answers)))
             wire.exchange.outcome()
-            outcomes = [wire.exchange.taken() for _ in range(3)]
+            outcomes = [wire.exchange.checked_outcome() for _ in range(3)]
             changed += sum(
                 isinstance(o, IndicatorReading) and o.value_mm != value(profile, frame)
                 for o in outcomes
@@ -288,7 +288,7 @@ def test_a_flood_has_an_outcome_within_the_time_out(name: str, line: bytes) -> N
     wire = Flooded(PROFILES[name])
     for _ in range(20):
         start_s = max(wire.now_s, wire.exchange.ready_at)
-        outcome = wire.exchange.taken()
+        outcome = wire.exchange.checked_outcome()
         assert wire.now_s - start_s <= wire.profile.timeout_s + 0.2
         assert isinstance(outcome, Fault)
         assert outcome.kind is FaultKind.SENDS_UNASKED

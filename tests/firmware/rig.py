@@ -162,7 +162,7 @@ class Board:
                 raise
         self._ours, self._theirs = os.openpty()
         tty.setraw(self._theirs)  # held open: a port does not hang up when a program leaves it
-        self.told = f"grbl:{os.ttyname(self._theirs)}"
+        self.endpoint = f"grbl:{os.ttyname(self._theirs)}"
         self._simulator.answer_to(self._ours)
         self._thread = threading.Thread(target=self._carry, daemon=True)
         self._thread.start()

@@ -104,7 +104,7 @@ def rig(
 ) -> Iterator[Rig]:
     need_firmware(firmware)
     with closing(Board(firmware, homed=homed, unlocked=unlocked, settings=settings)) as board:
-        controller = controller_of(board.told, WHOLE)
+        controller = controller_of(board.endpoint, WHOLE)
         with started(controller, patience, homed=confirmed) as (line, _):
             yield Rig(line, board)
 
@@ -164,7 +164,7 @@ def test_what_follows_a_stop_begins_where_it_stands(firmware: str) -> None:
 def test_a_place_beyond_the_limits_of_the_board_is_refused(firmware: str, place: float) -> None:
     need_firmware(firmware)
     with closing(Board(firmware)) as board:
-        controller = controller_of(board.told, WHOLE)
+        controller = controller_of(board.endpoint, WHOLE)
         controller.answer_s = 2.0
         with closing(controller):
             controller.connect()
@@ -181,7 +181,7 @@ def test_a_board_of_a_smaller_machine_is_refused(firmware: str) -> None:
     need_firmware(firmware)
     with closing(Board(firmware)) as board:
         wide = replace(WHOLE, high_mm=(TRAVEL_MM + 50.0,) * 3)
-        line = MotionLine(controller_of(board.told, wide))
+        line = MotionLine(controller_of(board.endpoint, wide))
         with pytest.raises(ControllerFault, match=r"\$130=400") as refusal:
             line.start()
         assert refusal.value.kind is MotionFault.STRANGER
@@ -240,7 +240,7 @@ def test_a_board_that_was_never_homed_and_reports_so_is_refused() -> None:
     """grblHAL, which is not locked at its start with $22=1."""
     need_firmware("grblHAL")
     with closing(Board("grblHAL", homed=False, settings={"22": 1})) as board:
-        line = MotionLine(controller_of(board.told, WHOLE))
+        line = MotionLine(controller_of(board.endpoint, WHOLE))
         with pytest.raises(ControllerFault, match="H:0") as refusal:
             line.start()
         assert refusal.value.kind is MotionFault.NOT_READY
@@ -382,7 +382,7 @@ def test_a_program_that_is_killed_or_suspended_leaves_the_machine_at_rest(
 ) -> None:
     need_firmware(firmware)
     with closing(Board(firmware)) as board:
-        words = [sys.executable, "-c", LIVES, board.told, *map(str, FAR)]
+        words = [sys.executable, "-c", LIVES, board.endpoint, *map(str, FAR)]
         program = subprocess.Popen(words, cwd=ROOT)
         try:
             departed(board)

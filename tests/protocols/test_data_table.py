@@ -45,7 +45,7 @@ texts = st.sampled_from(HOSTILE) | st.text(st.characters(codec="utf-8"), max_siz
 
 def read_back(session: Session, form: str, folder: Path) -> Session:
     path = folder / f"t.{form}"
-    written = session.table().written(form)
+    written = session.table().file_content(form)
     path.write_bytes(written.encode() if isinstance(written, str) else written)
     opened, events, _ = opened_table(path, session.opened.machine, "test")
     return fold([opened, *events])
@@ -147,10 +147,10 @@ def test_hostile_words_in_every_field_come_back_and_are_inert(form: str, tmp_pat
 
 def test_numbers_stay_numbers() -> None:
     table = DataTable.plain(("name", "mm", "n"), [("a", 0.1 + 0.2, 1), ("b", 0.25, None)])
-    text = table.written("csv")
+    text = table.file_content("csv")
     assert isinstance(text, str)
     assert list(csv.reader(StringIO(text)))[1] == ["a", "0.30000000000000004", "1"]
-    book = table.written("xlsx")
+    book = table.file_content("xlsx")
     assert isinstance(book, bytes)
     sheet = openpyxl.load_workbook(BytesIO(book)).active
     # more digits than a spreadsheet shows: a text, or the value would be another one
@@ -158,7 +158,7 @@ def test_numbers_stay_numbers() -> None:
         ["a", "0.30000000000000004", 1],
         ["b", 0.25, None],
     ]
-    columns = table.written("parquet")
+    columns = table.file_content("parquet")
     assert isinstance(columns, bytes)
     kinds = [str(field.type) for field in parquet.read_schema(BytesIO(columns))]
     assert kinds[1:] == ["double", "int64"]

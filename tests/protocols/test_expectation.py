@@ -15,7 +15,7 @@ from protocols.expectation import (
     contradiction,
     expected,
     movement,
-    since_last_seen,
+    since_last_repeat,
 )
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Procedure, Step
@@ -99,12 +99,12 @@ def test_the_first_visit_is_expected_within_the_tolerances_of_the_parts() -> Non
     (expectation,) = due([("xy", 0.0, 5.0)], 60.0)
     assert expectation.mean_mm == pytest.approx(5.0, abs=1e-6)
     parts_mm = (0.4737**2 + 0.0263**2 + 0.02) ** 0.5
-    assert expectation.sure == pytest.approx((5.0, parts_mm), abs=0.003)
+    assert expectation.play_free == pytest.approx((5.0, parts_mm), abs=0.003)
     play_mm = 0.05 * (0.5 + 60.0 / 310.25)  # of carriage y, which goes down; the bar slid by 60 mm
     assert expectation.deviation_mm == pytest.approx(math.hypot(parts_mm, play_mm), abs=0.003)
     small = Machine(offset_tolerance_mm=0.02, length_tolerance_mm=0.01)
     (well_made,) = due([("xy", 0.0, 5.0)], 60.0, machine=small)
-    assert well_made.sure[1] < 0.01
+    assert well_made.play_free[1] < 0.01
 
 
 def test_the_limit_of_a_repeat_is_the_procedures() -> None:
@@ -121,7 +121,7 @@ def test_a_leg_tells_what_to_expect_of_the_next_one() -> None:
     readings = [reading(k, row) for k, row in enumerate(raw, start=1)]
     session = fold([opened(), *readings, mounted, zero])
     (expectation,) = expected(session, Step(99, "y", 60.0, 1, 0.5, ("x",)), AT_S)
-    assert expectation.sure[1] < 0.25
+    assert expectation.play_free[1] < 0.25
     assert expectation.mean_mm == pytest.approx(1.0 + x * 1.0 + y * 2.0, abs=0.25)
 
 
@@ -180,11 +180,11 @@ KNOWN = [("xy", 60.0, 0.30), ("xz", 60.0, 0.0), ("xy", 0.0, 0.0), ("xz", 0.0, 0.
 @pytest.mark.parametrize(
     ("at_mm", "display", "after_s", "outcome"),
     [
-        (60.0, (0.30, 0.0), 5.0, Movement.SEEN),
+        (60.0, (0.30, 0.0), 5.0, Movement.CONFIRMED),
         (60.0, (0.002, 0.001), 5.0, Movement.UNCHANGED),
         (60.0, (0.02, 0.0), 30.0, Movement.UNCHANGED),  # a drift
-        (60.0, (0.0, 0.02), 5.0, Movement.SEEN),  # is questioned for being beyond
-        (0.0, (0.0, 0.0), 5.0, Movement.SEEN),  # read again in place
+        (60.0, (0.0, 0.02), 5.0, Movement.CONFIRMED),  # is questioned for being beyond
+        (0.0, (0.0, 0.0), 5.0, Movement.CONFIRMED),  # read again in place
         (60.0, (0.0, 0.0), 600.0, Movement.UNKNOWN),  # a drift may hide it
     ],
 )
@@ -291,12 +291,12 @@ def test_a_drift_is_no_contradiction() -> None:
 def test_since_when_the_stand_may_have_moved() -> None:
     """It was seen at Zero of cycle 2; MAX and MIN of that cycle may have moved with it."""
     moved = [*CYCLE, (0.0, 0.02), (60.0, 0.6), (-100.0, -0.1), (0.0, 0.3)]
-    assert [r.reading for r in since_last_seen(measured(moved))] == [5, 6, 7]
-    assert [r.reading for r in since_last_seen(measured(moved[:3]))] == [2, 3]
+    assert [r.reading for r in since_last_repeat(measured(moved))] == [5, 6, 7]
+    assert [r.reading for r in since_last_repeat(measured(moved[:3]))] == [2, 3]
     calm = [*CYCLE, (0.0, 0.01), (60.0, 0.31)]
-    assert since_last_seen(measured(calm)) == ()
+    assert since_last_repeat(measured(calm)) == ()
     again = [*CYCLE, (0.0, 0.0), (60.0, 0.6), (60.0, 0.61)]  # agree with each other alone
-    assert [r.reading for r in since_last_seen(measured(again))] == [5, 6]
+    assert [r.reading for r in since_last_repeat(measured(again))] == [5, 6]
 
 
 def test_without_a_procedure_only_what_is_the_same_is_a_repeat() -> None:
@@ -305,4 +305,4 @@ def test_without_a_procedure_only_what_is_the_same_is_a_repeat() -> None:
         session = measured([*CYCLE, (0.0, back_mm), (60.0, 0.9)])
         bare = session.opened.model_copy(update={"procedure": None})
         unplanned = replace(session, opened=bare)
-        assert [r.reading for r in since_last_seen(unplanned)] == since
+        assert [r.reading for r in since_last_repeat(unplanned)] == since

@@ -17,11 +17,11 @@ from protocols.motion import (
     approach_sign,
     box_mm,
     came_from,
+    commanded_mm,
     departure_mm,
     movement_signs,
     moves_mm,
     seconds_per_step,
-    told_mm,
     way_mm,
 )
 from protocols.observations import to_observations
@@ -50,9 +50,9 @@ def moved(mode: str, start: object, to: object, there: object) -> Moved:
 
 def test_a_leg_is_told_along_its_axis_or_in_joints() -> None:
     step = next(s for s in orthoglide("zero-max-min").steps(Geometry()) if s.displacement_mm == 60)
-    assert told_mm(step, TOOL) == (60.0, 0.0, 0.0)
+    assert commanded_mm(step, TOOL) == (60.0, 0.0, 0.0)
     across = np.sqrt(L**2 - 60.0**2)  # papers/000, section 2.4
-    assert told_mm(step, JOINT) == pytest.approx((L + 60.0, across, across), abs=1e-9)
+    assert commanded_mm(step, JOINT) == pytest.approx((L + 60.0, across, across), abs=1e-9)
 
 
 def test_a_set_up_begins_from_below_and_goes_on_straight() -> None:
@@ -60,7 +60,7 @@ def test_a_set_up_begins_from_below_and_goes_on_straight() -> None:
     first, second = procedure.steps(Geometry())[:2]
     assert came_from(first, procedure.steps(Geometry())) is None
     assert way_mm(first, None, procedure, TOOL) == [(-10.0, 0.0, 0.0), (0.0, 0.0, 0.0)]
-    assert way_mm(second, first, procedure, TOOL) == [told_mm(second, TOOL)]
+    assert way_mm(second, first, procedure, TOOL) == [commanded_mm(second, TOOL)]
 
 
 def test_after_a_break_the_way_is_that_of_the_procedure() -> None:
@@ -185,7 +185,7 @@ def test_the_position_read_back_enters_in_place_of_the_command(tmp_path: Path) -
     """
     recorded = fold(read_record(session(tmp_path / "a.jsonl", 0.01)).events)
     table = tmp_path / "a.csv"
-    table.write_text(str(recorded.table().written("csv")), encoding="utf-8")
+    table.write_text(str(recorded.table().file_content("csv")), encoding="utf-8")
     opened, events, _ = opened_table(table, TOOL, "test")
     for sample in (recorded, fold([opened, *events])):
         observations = to_observations([sample])

@@ -169,10 +169,10 @@ def test_zero_comes_before_cycles_that_do_not_begin_with_it() -> None:
 
 
 def test_readings_in_place_are_counted() -> None:
-    assert procedure().read_in_place(Geometry()) == 0
+    assert procedure().repeats_in_place(Geometry()) == 0
     ends_at_zero = procedure(order="fixed", levels=("zero", "max", "zero"), cycles=2, legs=("x",))
     assert [s.displacement_mm for s in ends_at_zero.steps(Geometry())] == [0, 60, 0, 0, 60, 0, 0]
-    assert ends_at_zero.read_in_place(Geometry()) == 2
+    assert ends_at_zero.repeats_in_place(Geometry()) == 2
 
 
 def test_verification_visits_what_calibration_did_not() -> None:

@@ -22,7 +22,7 @@ from app.screens.interface import ChoiceDialog, Glidecal, TextDialog
 from app.screens.measure import MeasureScreen
 from app.screens.prepare import PrepareScreen
 from app.screens.session_view import LegReviewScreen, MotionDialog
-from drivers.motion.guard import LEFT
+from drivers.motion.guard import DETACHED
 from drivers.motion.line import DEAD_S, Patience
 from drivers.motion.states import State
 from drivers.motion.twins import TWINS, MotionTrouble, MotionTwin
@@ -128,7 +128,7 @@ async def measuring(
         for trouble in troubles:
             twin.befall(trouble)
         instruments = tuple(Instrument(profile="mitutoyo-01a", port=port) for port in ports)
-        plan = Plan(path, machine, short, instruments, window_s=0.2, motion=twin.told)
+        plan = Plan(path, machine, short, instruments, window_s=0.2, motion=twin.endpoint)
         if proved:
             remember_proved(plan)
         interface = Glidecal(CheckScreen(plan))
@@ -148,7 +148,7 @@ async def test_the_check_says_what_will_move_before_a_key_lets_it(tmp_path: Path
                 await fill_in(pilot, interface, name, profile="mitutoyo-01a", port=port)
             chosen = form.query_one("#procedure", Select)
             assert chosen.value == "zero-max-min"
-            form.query_one("#motion", Input).value = twin.told
+            form.query_one("#motion", Input).value = twin.endpoint
             await until(pilot, "more to measure", lambda: chosen.value == "two-station")
             await pilot.press("f2")
             await until(pilot, "a dry run", lambda: text(interface, "#dry-run-text"))
@@ -381,12 +381,12 @@ async def test_who_leaves_is_told_last_whether_the_machine_was_seen_to_stop(
         await until(moved.pilot, "the end", lambda: moved.interface.return_value is not None)
         moved.twin.mend()
         await until(
-            moved.pilot, "a guard", lambda: all(process.poll() is not None for process in LEFT)
+            moved.pilot, "a guard", lambda: all(process.poll() is not None for process in DETACHED)
         )
     words = str(moved.interface.return_value)
     assert words.startswith("NOT STOPPED. Use the emergency stop.") is silent
     assert "Session paused after 1 of 4 steps" in words
-    assert words.endswith(f"glidecal run --continue {moved.path} --motion {moved.twin.told}")
+    assert words.endswith(f"glidecal run --continue {moved.path} --motion {moved.twin.endpoint}")
 
 
 @LONG

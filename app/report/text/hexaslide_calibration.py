@@ -260,7 +260,7 @@ def parameter_table(document: HexaSlideCalibrationReport) -> str | Table:
 
 
 def entered_words(document: HexaSlideCalibrationReport) -> list[str]:
-    """That lengths to enter are not those of the machine, where they make up for something else."""
+    """The sentence that lengths to enter are not those of the machine, where they compensate."""
     names = [
         name
         for name, length in document.inner_lengths.items()
@@ -271,8 +271,9 @@ def entered_words(document: HexaSlideCalibrationReport) -> list[str]:
     if not names:
         return []
     return [
-        "The values are those to enter. They make up for what has no parameter (glidecal "
-        f"diagnose): {', '.join(names)} of the machine are others, inner_lengths of --json."
+        "The values are those to enter. They compensate for what has no parameter (glidecal "
+        f"diagnose), so {', '.join(names)} are not lengths of the machine: --json has these as "
+        "inner_lengths."
     ]
 
 

@@ -25,7 +25,9 @@ def findings_text(findings: Iterable[PortFinding]) -> str:
     """Every finding on a line of its own, the next step below what is wrong."""
     lines = []
     for finding in findings:
-        lines.append(hanging(f"{'ok   ' if finding.well else 'FAULT'}  {finding.what}", INDENT))
+        lines.append(
+            hanging(f"{'ok   ' if finding.well else 'FAULT'}  {finding.description}", INDENT)
+        )
         if not finding.well and finding.next_step:
             lines.append(hanging(f"       → {finding.next_step}", INDENT))
     return "\n".join(lines)

@@ -42,7 +42,7 @@ def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[
     steps = len(procedure.steps(geometry, axes))
     indicators = len(axes) if procedure.levels else 1
     minutes = procedure.duration_s(geometry, axes) / 60.0
-    in_place = procedure.read_in_place(geometry)
+    in_place = procedure.repeats_in_place(geometry)
     repeats = "Every repeat approaches its posture again."
     if in_place:
         repeats = f"{in_place} repeats do not leave their posture: they show the indicator only."

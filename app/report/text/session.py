@@ -22,7 +22,7 @@ from calib.tripod.geometry import COORDINATES, Geometry
 from drivers.profile import Fault
 from protocols.expectation import Movement
 from protocols.machine import Instrument, Machine
-from protocols.motion import joints_mm, told_mm
+from protocols.motion import commanded_mm, joints_mm
 from protocols.procedure import (
     Step,
     leg_number,
@@ -62,7 +62,7 @@ def mdi_line(step: Step, machine: Machine, lift_mm: float = 0.0) -> str:
         parts = zip(LEG_NAMES, step.position_mm, strict=True)
         x, y, z = (mm + lift_mm * (name in step.axes) for name, mm in parts)
         return mdi_line(replace(step, position_mm=(x, y, z)), machine)
-    coordinates = zip("XYZ", told_mm(step, machine), strict=True)
+    coordinates = zip("XYZ", commanded_mm(step, machine), strict=True)
     return f"G53 G0 {' '.join(f'{name}{value:.3f}' for name, value in coordinates)}"
 
 
@@ -174,7 +174,7 @@ def step_text(step: Step, session: Session, by: TakenBy = TakenBy.HAND) -> str:
     if plate is not None and plate.lift_mm:
         lines[1] = f"Lift off by {plate.lift_mm:g} mm, go above the position, come down; take."
         lines.insert(2, mdi_line(step, machine, plate.lift_mm))
-    if session.is_new_place(step) or not session.was_read(step):
+    if session.is_new_place(step) or not session.has_readings_at(step):
         axis_numbers = zip(step.axes, step.indicators, strict=True)
         axes = " and ".join(f"{axis.upper()} ({k + 1})" for axis, k in axis_numbers)
         first = f"indicators on leg {leg} along {axes}, {_from_tool_end(step, geometry)}"

@@ -51,7 +51,7 @@ def new_table(*headings: str, left: int = 1) -> Table:
 def result_table(result: DataTable) -> Table:
     """The columns that are for a reader; texts before the first number are on the left."""
     table = new_table(*result.headings, left=max(result.text_columns, 1))
-    for row in result.shown_rows():
+    for row in result.reader_rows():
         table.add_row(*row)
     return table
 

@@ -241,14 +241,14 @@ def test_values_and_lengths_are_of_all_postures_also_without_a_stated_noise(tmp_
 def test_lengths_to_enter_that_are_none_of_the_machine_are_said(tmp_path: Path) -> None:
     """A scale of a rail, which the machine file cannot hold, is in what is entered instead."""
     path, _ = written(tmp_path, "position", 60)
-    assert "of the machine are others" not in calibration_text(calibrate_file(path, None, 0.0))
+    assert "are not lengths of the machine" not in calibration_text(calibrate_file(path, None, 0.0))
     content = json.loads(path.read_text(encoding="utf-8"))
     for posture in content["postures"]:
         posture["sliders"][2] /= 1.0005
     path.write_text(json.dumps(content), encoding="utf-8")
     report = document(path, None, 0.0)
     text = calibration_text(calibrate_file(path, None, 0.0)).replace("\n", " ")
-    words = re.search(r"\(glidecal diagnose\): (.*?) of the machine are others", text)
+    words = re.search(r"\(glidecal diagnose\), so (.*?) are not lengths of the machine", text)
     for k in range(1, 7):
         entered, length = report["parameters"][f"l{k}"], report["inner_lengths"][f"l{k}"]
         far = abs(entered["value"] - length["value_m"]) > length["expanded_uncertainty_m"]

@@ -19,7 +19,7 @@ from app.measuring.plan import Plan
 from app.measuring.simulated import simulated_session
 from calib.errors import MotionError, UsageError
 from calib.tripod.pipeline import Model
-from drivers.motion.guard import LEFT
+from drivers.motion.guard import DETACHED
 from drivers.motion.line import MotionLine
 from drivers.motion.twins import TWINS, GrblTwin, MotionTrouble, MotionTwin
 from protocols.journal import write_whole
@@ -115,7 +115,7 @@ def test_the_operator_says_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("sys.stdin", Terminal("n\n"))
     with following() as (_, twin, ports):
         with pytest.raises(typer.Exit) as exit_info:
-            measuring.measure(plan_of(tmp_path, twin.told, ports), headless=True)
+            measuring.measure(plan_of(tmp_path, twin.endpoint, ports), headless=True)
         assert exit_info.value.exit_code == 130
         assert not twin.moves
 
@@ -125,7 +125,7 @@ def test_a_machine_that_is_not_homed(tmp_path: Path, monkeypatch: pytest.MonkeyP
     with following() as (_, twin, ports):
         twin.befall(MotionTrouble.NOT_HOMED)
         with pytest.raises(MotionError, match="home it"):
-            measuring.measure(plan_of(tmp_path, twin.told, ports), headless=True)
+            measuring.measure(plan_of(tmp_path, twin.endpoint, ports), headless=True)
         with pytest.raises(UsageError, match="linuxcnc:HOST:PORT or grbl:PORT"):
             measuring.measure(plan_of(tmp_path, "klipper:x", ports), headless=True)
         assert not list(tmp_path.iterdir())
@@ -152,9 +152,9 @@ def test_a_session_in_a_plain_terminal(tmp_path: Path, monkeypatch: pytest.Monke
             for port, axes in zip(ports, ("yzx", "zxy"), strict=True)
             for word in ("--indicator", f"mitutoyo-01a:{port}@{axes}")
         ]
-        remember_proved(plan_of(tmp_path, twin.told, ports))
+        remember_proved(plan_of(tmp_path, twin.endpoint, ports))
         files = ("--protocol", f"{procedure}", "--machine", f"{machine}", "-o", f"{path}")
-        status, _, text = run_here("run", *files, *named, "--headless", "--motion", twin.told)
+        status, _, text = run_here("run", *files, *named, "--headless", "--motion", twin.endpoint)
     assert status == 0
     assert "Guards closed" in text
     assert "Set up at leg X, station 0.5, along Y and Z" in text
@@ -193,7 +193,7 @@ def test_a_board_is_homed_with_a_word_for_it_typed_in_the_terminal(
     with following(TWINS["grbl"], "joint") as (_, twin, ports):
         for trouble in troubles:
             twin.befall(trouble)
-        plan = replace(plan_of(tmp_path, twin.told, ports), machine=in_joints)
+        plan = replace(plan_of(tmp_path, twin.endpoint, ports), machine=in_joints)
         with pytest.raises(MotionError, match="consent: found not given"):
             measuring.measure(plan, headless=True)
     assert ("$H" in received) is ("Home it now" in questions)
@@ -216,7 +216,7 @@ def on_its_way(
     monkeypatch.setattr("sys.stdin", Terminal("y\n" * 9))
     monkeypatch.setattr("app.measuring.opening.STRICT", BUSY)
     with following() as (_, twin, ports):
-        plan = replace(plan_of(folder, twin.told, ports), machine=SLOW)
+        plan = replace(plan_of(folder, twin.endpoint, ports), machine=SLOW)
         remember_proved(plan)
 
         def befall() -> None:
@@ -228,7 +228,7 @@ def on_its_way(
         yield plan, twin
         thread.join()
         twin.mend()
-        assert comes_true(lambda: all(guard.poll() is not None for guard in LEFT))
+        assert comes_true(lambda: all(guard.poll() is not None for guard in DETACHED))
 
 
 def test_ctrl_c_stops_it_and_says_how_to_go_on(
@@ -242,7 +242,7 @@ def test_ctrl_c_stops_it_and_says_how_to_go_on(
         assert twin.axes.at_mm != (0.0, 0.0, 0.0)
     message = " ".join(capsys.readouterr().err.split())
     assert "Session paused after 0 of" in message
-    assert f"glidecal run --headless --continue {plan.path} --motion {twin.told}" in message
+    assert f"glidecal run --headless --continue {plan.path} --motion {twin.endpoint}" in message
     assert "NOT STOPPED" not in message
 
 

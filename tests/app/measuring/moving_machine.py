@@ -181,7 +181,7 @@ def moving_session(
             )
             gauge.start()
             gauges.append(gauge)
-        controller = controller_of(twin.told, limits_of(machine))
+        controller = controller_of(twin.endpoint, limits_of(machine))
         controller.answer_s = 2.0
         mover = Mover(MotionLine(controller, BUSY), procedure, machine, ("xyz", "xyz"), gauges)
         mover.line.start()
@@ -355,11 +355,11 @@ def killed_and_continued(
     (folder / "short.toml").write_text(f"{ONE_LEG}window_s = {window_s}\n")
     stops_s, counts = [], []
     with following(make) as (bench, twin, ports):
-        usual = ["run", "--headless", "--motion", twin.told]
+        usual = ["run", "--headless", "--motion", twin.endpoint]
         for port, axes in zip(ports, ("yzx", "zxy"), strict=True):
             usual += ["--indicator", f"mitutoyo-01a:{port}@{axes}"]
         either = (Instrument(profile="mitutoyo-01a"),) * 2
-        remember_proved(Plan(path, FAST, SHORT, either, motion=twin.told))
+        remember_proved(Plan(path, FAST, SHORT, either, motion=twin.endpoint))
         new = ["--machine", "machine.toml", "--protocol", "short.toml", "-o", "a.jsonl"]
         for life in range(kills + 1):
             terminal = Answering(folder, *usual, *(new if life == 0 else ["--continue", "a.jsonl"]))

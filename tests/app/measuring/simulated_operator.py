@@ -270,7 +270,7 @@ class Operator:
 
     def looked(self, step: Step) -> bool:
         """What the screen does in automatic mode, after each news."""
-        return self.stable() and self.guided.moved() is Movement.SEEN
+        return self.stable() and self.guided.moved() is Movement.CONFIRMED
 
     def automatically(self, step: Step) -> None:
         idle_until_s = self.bench.now_s + self.chance.uniform(0.5, 25.0)

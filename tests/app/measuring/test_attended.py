@@ -76,8 +76,8 @@ def test_by_itself_what_does_not_move_is_told_once(
     assert driven.by_itself(rest) is Movement.UNKNOWN
     by: TakenBy = driven.taken_by
     assert by is TakenBy.HAND, "the step says the same as the line below it"
-    moved[0] = Movement.SEEN
-    assert driven.by_itself(rest) is Movement.SEEN
+    moved[0] = Movement.CONFIRMED
+    assert driven.by_itself(rest) is Movement.CONFIRMED
     driven.by_hand()
     assert driven.by_itself(rest) is None
 

@@ -69,10 +69,10 @@ class TimedTwin(LinuxCncTwin):
         self.moves = TimedMoves()
         self.looks_s: list[float] = []
 
-    def _got(self, client: Any, name: str) -> str:  # noqa: ANN401 (a class of the twin's own)
+    def _get(self, client: Any, name: str) -> str:  # noqa: ANN401 (a class of the twin's own)
         if name == "error":  # the first question of a look
             self.looks_s.append(time.monotonic())
-        return super()._got(client, name)
+        return super()._get(client, name)
 
 
 @dataclass
@@ -182,7 +182,7 @@ def operator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Operator]:
     monkeypatch.setattr(motion_keys, "HELD_KEY_S", DEAD_S)
     procedure = load_procedure("zero-max-min", FAST.geometry())
     with closing(TimedTwin(SimulatedAxes())) as twin, closing(Ticker()) as ticker:
-        controller = controller_of(twin.told, limits_of(FAST))
+        controller = controller_of(twin.endpoint, limits_of(FAST))
         steps = procedure.steps(FAST.geometry(), ("xyz", "xyz"))
         with started(controller, Patience(silence_s=3.0, dead_s=DEAD_S)) as (line, _):
             mover = Mover(line, procedure, FAST, ("xyz", "xyz"), ())

@@ -318,7 +318,7 @@ def machine_with_play(
             time.sleep(0.01)
 
         def shown_mm() -> float:
-            reading = exchange.taken()
+            reading = exchange.checked_outcome()
             assert isinstance(reading, IndicatorReading)
             return reading.value_mm
 

@@ -111,7 +111,7 @@ def test_a_trial_finds_who_fits_and_nothing_once_it_is_stopped(
         asked: list[object] = []
         findings = trial.run(lambda *group: asked.append(group))
         assert asked
-        assert any("tesa fits" in finding.what for finding in findings)
+        assert any("tesa fits" in finding.description for finding in findings)
         assert trial.best("tesa") == "tesa"
         assert trial.best("mitutoyo-01a") == trial.best(None) == "sylvac", "somebody verified it"
         stopped = ProfileTrial({"port": twin.url})

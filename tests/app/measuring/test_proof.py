@@ -80,7 +80,7 @@ def unproved(
         bench.wired = wired
         instruments = tuple(Instrument(profile="mitutoyo-01a", port=port) for port in ports)
         path = folder / "a.jsonl"
-        plan = Plan(path, machine, SHORT, instruments, window_s=0.1, motion=twin.told)
+        plan = Plan(path, machine, SHORT, instruments, window_s=0.1, motion=twin.endpoint)
         yield plan, bench, twin
 
 

@@ -60,7 +60,7 @@ WORN = (PlayAndWear("x", 0.01234, 0.00021, 12.34), PlayAndWear("y", -0.5, 0.2, N
 def forms(kind: type[Play], joints: tuple[Play, ...], document: Report) -> dict[str, str]:
     """Everywhere that a result stands."""
     table = DataTable.of(kind, joints)
-    csv = table.written("csv")
+    csv = table.file_content("csv")
     assert isinstance(csv, str)
     return {
         "json": to_json(document),

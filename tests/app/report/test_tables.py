@@ -42,5 +42,5 @@ def test_lines_of_drives_have_the_digits_of_their_uncertainty() -> None:
         LineParameter("axis_offset", "xr", 0.10222, 0.34719, 0.4, "mm"),
         LineParameter("axis_lean", "yt", -0.0012345, 0.00004567, 1.0, "mrad"),
     ]
-    cells = [row[2:4] for row in DataTable.of(LineParameter, lines).shown_rows()]
+    cells = [row[2:4] for row in DataTable.of(LineParameter, lines).reader_rows()]
     assert cells == [("+0.10", "0.35"), ("-0.001234", "0.000046")]

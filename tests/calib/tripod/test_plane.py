@@ -318,7 +318,7 @@ def test_steps_slide_the_stand_and_keep_the_set_up() -> None:
     assert [s.station for s in steps[:4]] == [0.1, 0.9, 0.1, 0.9]
     assert len({s.place for s in steps}) == 2
     assert {(s.leg, s.axes) for s in steps} == {("x", ("z",)), ("y", ("z",))}
-    assert load_procedure("plane", NOMINAL).read_in_place(NOMINAL) == 0
+    assert load_procedure("plane", NOMINAL).repeats_in_place(NOMINAL) == 0
     conditions: Conditions = taken_by("plane")
     assert len(visit_means(taken_by("plane"))) == len(steps)
     assert command(NOMINAL, conditions).shape == (len(steps), 3)

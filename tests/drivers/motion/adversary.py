@@ -166,17 +166,19 @@ class Front:
         if transport == "pty":
             import tty
 
-            self._own_end, self._far_end = os.openpty()
+            self._near_end, self._far_end = os.openpty()
             tty.setraw(self._far_end)
-            os.set_blocking(self._own_end, False)
+            os.set_blocking(self._near_end, False)
             self.links.append(Link(0))
-            self.told = f"{name}:{os.ttyname(self._far_end)}"
+            self.endpoint = f"{name}:{os.ttyname(self._far_end)}"
         else:
             self._server = socket.create_server(("127.0.0.1", 0))
             port = self._server.getsockname()[1]
             scheme = "" if name == "linuxcnc" else "socket://"
-            self.told = f"{name}:{scheme}127.0.0.1:{port}"
-        self._thread = threading.Thread(target=self._serve, name=f"front {self.told}", daemon=True)
+            self.endpoint = f"{name}:{scheme}127.0.0.1:{port}"
+        self._thread = threading.Thread(
+            target=self._serve, name=f"front {self.endpoint}", daemon=True
+        )
         self._thread.start()
 
     def active(self) -> list[Ill]:
@@ -243,7 +245,7 @@ class Front:
         return max(0.0, min([0.01, *(due_s - time.monotonic() for due_s in due)]))
 
     def _listens(self, wait_s: float) -> None:
-        numbers = [link.number for link in self.links] if self._server else [self._own_end]
+        numbers = [link.number for link in self.links] if self._server else [self._near_end]
         if self._server is not None:
             numbers.append(self._server.fileno())
         readable, _, _ = select.select(numbers, [], [], wait_s)
@@ -300,7 +302,7 @@ class Front:
         while link.outward and link.outward[0][0] <= time.monotonic():
             due_s, text = link.outward[0]
             try:
-                count = os.write(link.number if self._server else self._own_end, text)
+                count = os.write(link.number if self._server else self._near_end, text)
             except BlockingIOError:
                 return
             except OSError:
@@ -321,6 +323,6 @@ class Front:
         if self._server is not None:
             self._server.close()
         else:
-            os.close(self._own_end)
+            os.close(self._near_end)
             os.close(self._far_end)
         self.twin.close()

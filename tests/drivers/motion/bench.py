@@ -72,7 +72,7 @@ def beside(name: str, *troubles: MotionTrouble) -> Iterator[tuple[Controller, Mo
     twin = TWINS[name](SimulatedAxes(START))
     for trouble in troubles:
         twin.befall(trouble)
-    controller = controller_of(twin.told, LIMITS)
+    controller = controller_of(twin.endpoint, LIMITS)
     controller.answer_s = 2.0
     try:
         controller.connect()
@@ -138,7 +138,7 @@ def rig(
 ) -> Iterator[Rig]:
     """A started line; whatever the test did, it ends."""
     with closing((make or TWINS[name])(SimulatedAxes(START))) as twin:
-        controller = controller_of(twin.told, LIMITS)
+        controller = controller_of(twin.endpoint, LIMITS)
         with started(controller, patience, answer_s) as (line, face):
             yield Rig(line, twin, face)
 

@@ -16,7 +16,7 @@ from concurrent.futures import TimeoutError as NotInTime
 
 from drivers.motion import controller_of
 from drivers.motion.controller import ControllerFault, Triple
-from drivers.motion.guard import LEFT, Guard
+from drivers.motion.guard import DETACHED, Guard
 from drivers.motion.line import MotionLine
 from drivers.motion.states import MAY_MOVE, State
 from drivers.motion.twins import MotionTrouble
@@ -64,7 +64,7 @@ class Scenario:
         self._began_s = time.monotonic()
         self._ills = ills_of(seed)
         self._front = Front(name, list(self._ills), self._axes, transport)
-        self._controller = controller_of(self._front.told, LIMITS)
+        self._controller = controller_of(self._front.endpoint, LIMITS)
         self._controller.answer_s = ANSWER_S
         self._line = MotionLine(self._controller, BUSY)
         self._line.listener = self._changed
@@ -91,8 +91,8 @@ class Scenario:
         finally:
             self._front.mend()
             self._line.close()
-            if LEFT:
-                comes_true(lambda: all(guard.poll() is not None for guard in LEFT), 22.0)
+            if DETACHED:
+                comes_true(lambda: all(guard.poll() is not None for guard in DETACHED), 22.0)
             self._front.close()
         return [f"{self.name} {self.seed}: {words}" for words in self.wrong]
 
@@ -260,7 +260,7 @@ class Scenario:
         for thread in threads:
             if thread is not None and thread.is_alive():
                 self._blame(f"{thread.name} still runs")
-        if isinstance(guard, Guard) and guard.process not in LEFT and guard.runs:
+        if isinstance(guard, Guard) and guard.process not in DETACHED and guard.runs:
             self._blame("the guard still runs")
 
     def _timed(self, subject: str, within_s: float, work: Callable[[], object]) -> None:

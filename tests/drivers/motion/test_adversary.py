@@ -18,17 +18,19 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from typing import cast
 
 import pytest
 
 from drivers.motion import controller_of
 from drivers.motion.controller import ControllerFault
 from drivers.motion.grbl import Grbl
-from drivers.motion.guard import LEFT, Guard
+from drivers.motion.guard import DETACHED, Guard
 from drivers.motion.line import MotionLine, Patience
 from drivers.motion.linuxcnc import LinuxCnc
 from drivers.motion.states import State
 from drivers.motion.twins import GrblTwin, MotionTrouble, SimulatedAxes
+from drivers.port import SerialPort
 from drivers.twins import Transport
 from tests.conftest import LONG, first_quick
 from tests.drivers.motion.adversary import Front, Ill, Link, TrueAxes
@@ -109,9 +111,10 @@ def test_no_flood_of_whole_lines_makes_a_question_longer(
     assert isinstance(controller, Grbl)
     controller.answer_s = ANSWER_S
     controller.state = "Idle"
-    controller.wire = flood = Flood(line)
+    flood = Flood(line)
+    controller.wire = cast("SerialPort", flood)
     for work in (controller.connect, controller.look, lambda: controller.begin(START, FEED)):
-        controller.wire = flood
+        controller.wire = cast("SerialPort", flood)
         began_s = time.monotonic()
         with contextlib.suppress(ControllerFault):
             work()
@@ -123,7 +126,7 @@ def test_no_flood_of_whole_lines_makes_a_question_longer(
 def test_ill_controllers_leave_no_guard(name: str, ticker: Ticker) -> None:
     """A twentieth of the seeds, with the process beside the program."""
     wrong = [scenario(name, seed, ticker).run() for seed in range(FIRST, FIRST + SEEDS, 20)]
-    assert not LEFT or all(guard.poll() is not None for guard in LEFT)
+    assert not DETACHED or all(guard.poll() is not None for guard in DETACHED)
     assert not any(wrong), "\n".join(words for messages in wrong for words in messages)
 
 
@@ -142,7 +145,7 @@ def lined(
 ) -> Iterator[tuple[Front, MotionLine]]:
     """A line that is started at a front."""
     with fronted(name, *ills) as front:
-        controller = controller_of(front.told, LIMITS)
+        controller = controller_of(front.endpoint, LIMITS)
         with started(controller, patience, answer_s) as (line, _):
             try:
                 yield front, line
@@ -161,7 +164,7 @@ def always(kind: type[Ill], **traits: object) -> Ill:
 def test_a_late_report_is_not_the_place_now() -> None:
     """Asked twice, it answers twice: the second answer is of before what happened since."""
     with fronted("grbl", always(Late, late_s=0.25, single=False)) as front:
-        controller = controller_of(front.told, LIMITS)
+        controller = controller_of(front.endpoint, LIMITS)
         controller.answer_s = 1.0
         controller.connect()
         for there in ((6.0, 2.0, -3.0), (1.0, 7.0, -3.0), (1.0, 2.0, -9.0)):
@@ -308,7 +311,8 @@ def test_a_jog_that_ended_meanwhile_is_not_put_on_hold() -> None:
     """A hold is no more than a cancel in a jog, and locks a board that rests (tried with grbl)."""
     controller = controller_of("grbl:/dev/none", LIMITS)
     assert isinstance(controller, Grbl)
-    controller.wire = wire = Flood(b"")
+    wire = Flood(b"")
+    controller.wire = cast("SerialPort", wire)
     controller.state = "Jog"  # as it was told last
     for attempt in range(3):
         controller.send_stop(attempt)
@@ -358,7 +362,7 @@ def test_a_connection_has_one_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(socket, "create_connection", slowly)
     with fronted("linuxcnc", always(Hesitates, late_s=1.8, single=True)) as front:
-        controller = controller_of(front.told, LIMITS)
+        controller = controller_of(front.endpoint, LIMITS)
         began_s = time.monotonic()
         with pytest.raises(ControllerFault):
             controller.connect()
@@ -396,7 +400,7 @@ def stranger(name: str, stream: bytes, every_s: float, ticker: Ticker) -> list[s
     ills = [always(Mute), always(Chatters, line=stream, every_s=every_s)] if stream else []
     transport: Transport = "pty" if name == "grbl" and os.name == "posix" else "tcp"
     with fronted(name, *(ills or [always(Mute)]), transport=transport) as front:
-        line = MotionLine(controller_of(front.told, LIMITS), BUSY)
+        line = MotionLine(controller_of(front.endpoint, LIMITS), BUSY)
         began_s = time.monotonic()
         try:
             line.start()
@@ -430,7 +434,7 @@ def test_a_stranger_behind_the_port(name: str, ticker: Ticker) -> None:
 def test_a_machine_that_is_not_ready_is_only_asked(name: str, trouble: MotionTrouble) -> None:
     with fronted(name) as front:
         front.twin.befall(trouble)
-        line = MotionLine(controller_of(front.told, LIMITS), BUSY)
+        line = MotionLine(controller_of(front.endpoint, LIMITS), BUSY)
         began_s = time.monotonic()
         if name == "linuxcnc":
             with pytest.raises(ControllerFault):
@@ -447,7 +451,7 @@ def test_a_machine_that_is_not_ready_is_only_asked(name: str, trouble: MotionTro
 
 def test_unknown_firmware_is_only_asked() -> None:
     front = Front("grbl", [], TrueAxes(START), make=firmware)
-    line = MotionLine(controller_of(front.told, LIMITS), BUSY)
+    line = MotionLine(controller_of(front.endpoint, LIMITS), BUSY)
     with pytest.raises(ControllerFault, match="FluidNC"):
         line.start()
     assert asked_only(front), front.heard

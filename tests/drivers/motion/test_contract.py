@@ -21,7 +21,7 @@ import serial
 from calib.errors import UsageError
 from drivers.motion import controller_of
 from drivers.motion.controller import ControllerFault, MotionFault, Triple
-from drivers.motion.guard import LEFT
+from drivers.motion.guard import DETACHED
 from drivers.motion.states import State
 from drivers.motion.twins import (
     TWINS,
@@ -266,7 +266,7 @@ def test_who_leaves_a_machine_that_is_not_seen_to_rest_reads_that(name: str) -> 
         assert r.line.not_stopped
         assert r.line.why.startswith("NOT STOPPED. Use the emergency stop.")
         r.twin.mend()
-        assert comes_true(lambda: all(guard.poll() is not None for guard in LEFT))
+        assert comes_true(lambda: all(guard.poll() is not None for guard in DETACHED))
 
 
 @controllers
@@ -329,7 +329,7 @@ def test_somebody_else_moved_it(name: str) -> None:
 
 def test_a_second_client_is_noticed() -> None:
     with rig("linuxcnc") as r:
-        second = controller_of(r.twin.told, LIMITS)
+        second = controller_of(r.twin.endpoint, LIMITS)
         second.connect()
         r.comes(State.HELD)
         assert "another client has control" in r.line.why

@@ -17,7 +17,7 @@ import pytest
 
 from drivers.motion import controller_of
 from drivers.motion.controller import ControllerFault
-from drivers.motion.guard import LEFT
+from drivers.motion.guard import DETACHED
 from drivers.motion.line import STRICT, MotionLine, Patience
 from drivers.motion.states import TRANSITIONS, Cause, State
 from drivers.motion.twins import GrblTwin, LinuxCncTwin, MotionTrouble, SimulatedAxes
@@ -162,7 +162,7 @@ def test_closed_from_every_state(before: Act) -> None:
         r.line.close()
         assert r.line.state is State.OFF
         r.twin.mend()  # where it could not be stopped the guard goes on with it
-        assert comes_true(lambda: all(guard.poll() is not None for guard in LEFT))
+        assert comes_true(lambda: all(guard.poll() is not None for guard in DETACHED))
         assert not r.axes.moving
         assert r.axes.at_mm[0] < 49.0
 
@@ -170,7 +170,7 @@ def test_closed_from_every_state(before: Act) -> None:
 def test_start_where_only_homing_helps_begins_in_a_fault() -> None:
     with closing(GrblTwin(SimulatedAxes(), "tcp")) as twin:
         twin.befall(MotionTrouble.NOT_HOMED)
-        line = MotionLine(controller_of(twin.told, LIMITS), BUSY)
+        line = MotionLine(controller_of(twin.endpoint, LIMITS), BUSY)
         line.start()
         assert line.state is State.FAULT
         assert line.can_home
@@ -194,7 +194,7 @@ def test_a_board_that_cannot_tell_whether_it_is_homed_waits_for_the_operators_wo
 
 def test_a_connected_machine_is_ready_and_nothing_moves() -> None:
     with closing(LinuxCncTwin(SimulatedAxes())) as twin:
-        line = MotionLine(controller_of(twin.told, LIMITS), BUSY)
+        line = MotionLine(controller_of(twin.endpoint, LIMITS), BUSY)
         states = [line.state]
         line.start()
         states.append(line.state)
@@ -206,7 +206,7 @@ def test_a_connected_machine_is_ready_and_nothing_moves() -> None:
 def test_nothing_moves_where_the_machine_is_not_ready() -> None:
     with closing(LinuxCncTwin(SimulatedAxes())) as twin:
         twin.befall(MotionTrouble.NOT_HOMED)
-        line = MotionLine(controller_of(twin.told, LIMITS))
+        line = MotionLine(controller_of(twin.endpoint, LIMITS))
         with pytest.raises(ControllerFault, match="home it"):
             line.start()
         line.close()
@@ -217,7 +217,7 @@ def test_nothing_moves_where_the_machine_is_not_ready() -> None:
 def test_without_a_guard_that_starts_there_is_no_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivers.motion.guard.PROGRAM", "raise SystemExit(1)")
     with closing(LinuxCncTwin(SimulatedAxes())) as twin:
-        line = MotionLine(controller_of(twin.told, LIMITS), BUSY)
+        line = MotionLine(controller_of(twin.endpoint, LIMITS), BUSY)
         with pytest.raises(ControllerFault, match="guard beside the program: found did not start"):
             line.start()
         assert line.state is State.OFF
@@ -323,7 +323,7 @@ def test_control_that_is_lost_while_it_is_answered_is_said_and_taken_with_the_ne
     with rig("linuxcnc") as r:
         fault(r)
         r.twin.mend()
-        second = controller_of(r.twin.told, LIMITS)
+        second = controller_of(r.twin.endpoint, LIMITS)
         second.connect()
         assert isinstance(r.line.answered().exception(PATIENCE_S), ControllerFault)
         assert r.line.state is State.FAULT
@@ -350,7 +350,7 @@ def test_a_board_of_another_machine_is_not_homed_either() -> None:
     with closing(GrblTwin(SimulatedAxes(), "tcp")) as twin:
         twin.befall(MotionTrouble.NOT_HOMED)
         twin.settings["130"] = "20.000"
-        line = MotionLine(controller_of(twin.told, LIMITS), BUSY)
+        line = MotionLine(controller_of(twin.endpoint, LIMITS), BUSY)
         with pytest.raises(ControllerFault, match="the board of another machine"):
             line.start()
         line.close()
@@ -472,7 +472,7 @@ def test_a_program_that_is_killed_or_suspended_leaves_no_machine_moving(
 
     with closing(TWINS[name](SimulatedAxes())) as twin:
         program = subprocess.Popen(
-            [sys.executable, "-c", LIVES, twin.told], stdout=subprocess.PIPE, text=True
+            [sys.executable, "-c", LIVES, twin.endpoint], stdout=subprocess.PIPE, text=True
         )
         assert comes_true(lambda: twin.axes.moving)
         at_mm = twin.axes.at_mm[0]

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 
 from app.evaluating.diagnosis import diagnose_sessions
 from calib.errors import RecordError
+from protocols.documents import Triple
 from protocols.machine import load_machine
 from protocols.observations import to_observations
 from protocols.printers import marlin, repetier, reprapfirmware
 from protocols.printers.imported import ImportedPrinter, are_of_printer, imported_printer
-from protocols.printers.tower_printer import Three, TowerPrinter
+from protocols.printers.tower_printer import TowerPrinter
 from protocols.session import fold
 from tests.app.cli import glidecal
 from tests.app.exports import upright_towers as true
@@ -61,7 +62,7 @@ def test_geometry_and_contacts_are_what_the_firmware_holds(
     }[dialect]
     printer = read(tmp_path, *texts)
     machine, far = printer.opened.machine, 3.0 if dialect == "repetier" else 0.0
-    assert not printer.odd
+    assert not printer.oddities
     assert machine.leg_length_mm == true.BAR
     assert machine.position_endstop_mm == pytest.approx(true.ENDSTOPS, abs=1e-9)
     assert machine.drive is not None
@@ -94,7 +95,7 @@ def test_heights_of_g33_are_contacts_at_its_places(
     """Its middle of three places at a tenth of the radius, shown in steps of 0.01 mm, too."""
     hidden = true.OFF_IN_ALL
     printer = read(tmp_path, held_by_marlin() + 2 * g33(hidden, places, sent))
-    assert not printer.odd
+    assert not printer.oddities
     assert [contact.cycle for contact in printer.contacts] == [1] * len(names) + [2] * len(names)
     for contact, name in zip(printer.contacts[: len(names)], names, strict=True):
         angle, radius = np.radians(G33_AT_DEG.get(name, 0.0)), 0.0 if name == "c" else 80.0
@@ -136,7 +137,7 @@ def test_heights_of_g33_that_are_no_contacts_say_why(tmp_path: Path, log: str, w
         read(tmp_path, held_by_marlin() + log)
     assert why in " ".join(str(problem.value).split())
     printer = read(tmp_path, held_by_marlin() + log + m503(PERFECT))
-    assert why in " ".join(printer.odd)
+    assert why in " ".join(printer.oddities)
     assert len(printer.contacts) == 19
 
 
@@ -144,7 +145,7 @@ def test_contacts_before_a_calibration_are_not_of_what_is_read_after_it(tmp_path
     calibrating = g33(PERFECT, sent="G33", mode="")
     text = held_by_marlin() + g33(true.OFF_IN_ALL) + calibrating + m503(PERFECT)
     printer = read(tmp_path, text)
-    assert "7 contacts: G33 calibrated between them and the M665 that is read" in printer.odd
+    assert "7 contacts: G33 calibrated between them and the M665 that is read" in printer.oddities
     assert len(printer.contacts) == 19
 
 
@@ -323,8 +324,8 @@ ODD_G = "G30 P0 X0 Y0 Z-99999\nG30 P1 X50 Y0 Z0.1\nG30 P2 X0 Y50 Z-99999 S-1\n"
 )
 def test_what_is_not_used_is_named(tmp_path: Path, texts: tuple[str, ...], message: str) -> None:
     printer = read(tmp_path, *texts)
-    assert message in " | ".join(printer.odd)
-    assert printer.opened.remarks == tuple(f"not used: {odd}" for odd in printer.odd)
+    assert message in " | ".join(printer.oddities)
+    assert printer.opened.remarks == tuple(f"not used: {odd}" for odd in printer.oddities)
 
 
 @pytest.mark.parametrize(
@@ -356,7 +357,7 @@ def test_a_first_try_of_a_place_and_passes_that_calibrate_have_no_heights(tmp_pa
     plain = read(tmp_path / "plain", CONFIG_G, macro, log)
     printer = read(tmp_path, CONFIG_G, calibrating, first + macro, answer + log)
     assert positions(printer) == positions(plain)
-    assert not printer.odd
+    assert not printer.oddities
 
 
 SAVED_G = f"""\
@@ -387,10 +388,10 @@ def test_with_a_machine_file_a_log_alone_is_of_its_probe(tmp_path: Path) -> None
     apart = np.subtract(positions(alone), positions(read(tmp_path, whole)))
     assert np.abs(apart[:, :2]).max() < 1e-9
     assert apart[:, 2] == pytest.approx(-2.0)  # the Z of M851 is in no machine file
-    assert not alone.odd
+    assert not alone.oddities
     stranger = imported_printer([path], "test", machine=machine.model_copy(
         update={"probe_offset_mm": None}))  # fmt: skip
-    assert "no M851 shows here" in stranger.odd[0]
+    assert "no M851 shows here" in stranger.oddities[0]
 
 
 def test_files_are_read_in_the_firmwares_order(tmp_path: Path) -> None:
@@ -425,11 +426,11 @@ def test_what_m500_saved_counts_if_the_configuration_reads_it(tmp_path: Path) ->
     unread = read(tmp_path, CONFIG_G, SAVED_G, macro, log)
     assert unread.opened.machine.drive == plain.opened.machine.drive
     assert positions(unread) == positions(plain)
-    assert unread.odd == (
+    assert unread.oddities == (
         "1.g: the configuration has no M501, so the firmware does not read it when it starts",
     )
     alone = read(tmp_path, SAVED_G, macro, log)
-    assert not alone.odd
+    assert not alone.oddities
     assert alone.opened.machine.position_endstop_mm == pytest.approx((301.35, 300.95, 301.45))
 
 
@@ -453,9 +454,9 @@ def test_a_stated_height_is_in_the_answer_and_no_contact(
     printer = read(tmp_path, CONFIG_G, *texts)
     del plain[number]
     assert positions(printer) == plain
-    assert len(printer.odd) == 1
-    assert f"P{number} " in printer.odd[0]
-    assert "no place that is probed" in printer.odd[0]
+    assert len(printer.oddities) == 1
+    assert f"P{number} " in printer.oddities[0]
+    assert "no place that is probed" in printer.oddities[0]
 
 
 @pytest.mark.parametrize("clock", ["19:31:24 19:31:21 19:29:25 19:29:22", "1:02:04 PM 12:59:21 PM"])
@@ -495,7 +496,7 @@ def test_contacts_with_a_tilt_are_where_the_carriages_were(tmp_path: Path, answe
     values, want = np.array(positions(printer)), np.array(positions(plain))
     assert values == pytest.approx(want, abs=1.1e-3)
     assert np.abs(np.array(raised)).max() > 0.5
-    assert not printer.odd
+    assert not printer.oddities
 
 
 GLOBALS_G = f"""\
@@ -587,7 +588,7 @@ ALPHABET = "GM0356 XYZLRHPSB.:-+;echoBdprbiagnlsEPRxyz\n"
 def test_whatever_a_log_holds_is_read_or_refused_in_a_sentence(text: str, which: int) -> None:
     dialect = (reprapfirmware, marlin, repetier)[which]
     try:
-        values = dialect.held([(Path("a.g"), BEGUN[which] + text)])
+        values = dialect.content([(Path("a.g"), BEGUN[which] + text)])
     except RecordError:
         return
     for contact in values.contacts:
@@ -609,9 +610,9 @@ def test_whatever_a_log_holds_is_read_or_refused_in_a_sentence(text: str, which:
     ],
 )
 def test_towers_are_30_degrees_apart_or_more_round_the_circle(
-    angle_deg: Three, apart: bool
+    angle_deg: Triple, apart: bool
 ) -> None:
-    bars: Three = (250.0, 250.0, 250.0)
+    bars: Triple = (250.0, 250.0, 250.0)
     if apart:
         assert (
             TowerPrinter("delta", "name", bars, (124.0, 124.0, 124.0), bars, angle_deg).angle_deg

@@ -88,7 +88,7 @@ def test_heights_by_hand_have_a_zero_of_their_own(tmp_path: Path) -> None:
     assert by_hand.value_mm == 25.0
     assert by_hand.mount != printer.contacts[0].mount
     assert by_hand.position_mm == pytest.approx((30.0, 0.0, 25.0), abs=STEP_MM)
-    assert not printer.odd
+    assert not printer.oddities
 
 
 def test_probe_heights_are_heights_of_the_tool_as_it_trips(tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ def test_what_is_not_used_is_named(tmp_path: Path) -> None:
         "delta_a_angle = 210.0",
     )
     printer = read(tmp_path, printer_cfg(PERFECT, 7, extra) + "")
-    remarks = " | ".join(printer.odd)
+    remarks = " | ".join(printer.oddities)
     assert "distance1: a number before it is missing" in remarks
     assert "distance1_pos2: a number before it is missing" in remarks
     assert not printer.distances
@@ -142,7 +142,7 @@ def distance_lines(hidden: true.Hidden, off_mm: float = 0.0) -> list[str]:
 def test_distances_are_between_the_marks_as_they_were_commanded(tmp_path: Path) -> None:
     """Steps count from the switches, so the places are those of the controller, whatever is off."""
     printer = read(tmp_path, printer_cfg(true.OFF_IN_ALL, 7, distance_lines(true.OFF_IN_ALL)))
-    assert not printer.odd
+    assert not printer.oddities
     want = [(60.0, 0.0), (30.0, 52.0), (-30.0, 52.0)]
     assert [distance.from_mm[:2] for distance in printer.distances] == [
         pytest.approx(place, abs=2.0 * STEP_MM) for place in want
@@ -189,7 +189,7 @@ def test_includes_are_read_where_they_stand(tmp_path: Path) -> None:
     text = PRINTER + "[include parts/*.cfg]\n[include lost.cfg]\n" + saved(height_lines(PERFECT))
     printer = read(tmp_path, text)
     assert len(printer.contacts) == 19
-    assert printer.odd == ("[include lost.cfg] of printer.cfg: there is no such file",)
+    assert printer.oddities == ("[include lost.cfg] of printer.cfg: there is no such file",)
 
 
 def test_a_fault_behind_an_include_or_in_the_saved_block_is_named_by_its_line(
@@ -439,7 +439,7 @@ def test_whatever_stands_below_a_config_is_read_or_refused_in_a_sentence(text: s
         path = Path(folder, "printer.cfg")
         path.write_text(PRINTER + steppers() + text, encoding="utf-8")
         try:
-            values = klipper.held([(path, path.read_text(encoding="utf-8"))])
+            values = klipper.content([(path, path.read_text(encoding="utf-8"))])
         except RecordError:
             return
         for contact in values.contacts:

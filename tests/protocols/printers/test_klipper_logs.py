@@ -51,7 +51,7 @@ def test_a_log_of_probe_is_cycles_of_places(tmp_path: Path, section: str) -> Non
     machine = printer.opened.machine
     assert machine.probe_offset_mm == (20.0, -5.0)
     assert machine.platform_tilt_tolerance_mrad > 0.0
-    assert not printer.odd
+    assert not printer.oddities
 
 
 @pytest.mark.parametrize(("off_mm", "words"), [(0.0, ""), (10.0, "higher"), (-10.0, "lower")])
@@ -107,7 +107,7 @@ def test_an_answer_with_half_a_number_is_named_and_not_used(height: str, tmp_pat
     )
     printer = read(tmp_path, PRINTER + steppers() + PROBE, sound + odd)
     assert len(printer.contacts) == 1
-    assert printer.odd == (f"0.log, line 2: {odd.strip()!r}: no place of PROBE",)
+    assert printer.oddities == (f"0.log, line 2: {odd.strip()!r}: no place of PROBE",)
 
 
 def test_a_log_that_was_saved_before_it_went_on_is_named_once(tmp_path: Path) -> None:
@@ -126,8 +126,8 @@ def test_old_answers_are_the_place_of_the_tool(tmp_path: Path) -> None:
     (contact,) = printer.contacts
     assert contact.position_mm == (0.0, 30.0, 2.506948)
     assert contact.value_mm == 2.5
-    assert printer.odd == ("0.log, line 2: '// probe at 5.0 is z=1': no place of PROBE",)
-    assert printer.opened.remarks == (f"not used: {printer.odd[0]}",)
+    assert printer.oddities == ("0.log, line 2: '// probe at 5.0 is z=1': no place of PROBE",)
+    assert printer.opened.remarks == (f"not used: {printer.oddities[0]}",)
 
 
 def test_a_long_log_takes_no_square_of_its_length(tmp_path: Path) -> None:
@@ -193,7 +193,7 @@ def test_contacts_before_other_values_were_saved_are_named_and_not_used(tmp_path
         log = "".join([lines[0], note, lines[1], f"{command}\n", lines[2]])
         printer = read(tmp_path, PRINTER + steppers(), log)
         assert [contact.position_mm for contact in printer.contacts] == [(60.0, 0.0, 0.01)]
-        assert printer.odd == (
+        assert printer.oddities == (
             "2 contacts before SAVE_CONFIG in line 4 of 0.log: they may be of other values",
         )
 

@@ -288,7 +288,12 @@ def parse_line(path: Path, number: int, line: bytes, form: RecordForm | None = N
         _check_schema(path, plain, form)
         with suppress(ValidationError):
             return EVENT.validate_json(COUNTED.sub(b"", line))
-    raise RecordError(subject, reason=fault, allowed=f"an event of schema {form.schema}")
+    raise RecordError(
+        subject,
+        reason=fault,
+        allowed=f"an event of schema {form.schema}",
+        next_step="The line was changed or damaged. Use an unaltered copy.",
+    )
 
 
 def _check_order(

@@ -49,7 +49,7 @@ Known = Annotated[
 ]
 
 
-def _known(typed: str | None) -> tuple[str, ...] | None:
+def _parts_known(typed: str | None) -> tuple[str, ...] | None:
     return None if typed is None else parts(typed.replace("none", ""))
 
 
@@ -86,7 +86,7 @@ def identifiability(question: Question, options: IdentifiabilityOptions) -> Answ
         question.procedure or "pose-forward",
         question.machine_file,
         measured=parts(options.measured),
-        known=_known(options.known),
+        known=_parts_known(options.known),
         postures=options.postures,
         posture_file=options.posture_file,
         seed=options.seed,
@@ -196,7 +196,7 @@ def postures(
         question.procedure,
         question.machine_file,
         measured=parts(options.measured),
-        known=_known(options.known),
+        known=_parts_known(options.known),
         posture_file=options.posture_file,
         seed=search.seed,
     )

@@ -182,7 +182,7 @@ class Proof:
                 due_of_others, key=lambda name: abs(due_of_others[name][worst].nominal_mm)
             )
             reason, where = f"carriage {likeliest.upper()} moves in its place", ORDER
-        self._fail(f"{reason}: {_shown(move, gone_mm)}", where)
+        self._fail(f"{reason}: {_ways_words(move, gone_mm)}", where)
         return True
 
     def there(self, shown_mm: Sequence[float]) -> bool:
@@ -200,7 +200,7 @@ class Proof:
             self._doubt = (
                 "Its indicator moved the other way: it is mounted so, or the carriage did."
             )
-        self.news.append(f"proof: {move.words}: {_shown(move, gone_mm)}")
+        self.news.append(f"proof: {move.words}: {_ways_words(move, gone_mm)}")
         return True
 
     def back(self, shown_mm: Sequence[float]) -> None:
@@ -257,7 +257,7 @@ class Proof:
 
     def _reason(self, move: ProofMove, gone_mm: Sequence[float]) -> tuple[str, str]:
         """Why the indicators did not go far enough, and what is to be corrected."""
-        ways, best = _shown(move, gone_mm), move.clearest
+        ways, best = _ways_words(move, gone_mm), move.clearest
         for name_beside in ALL_AXES:
             if name_beside != move.carriage and _near(self._due_of(name_beside, move), gone_mm):
                 return (
@@ -290,7 +290,7 @@ def _near(due: Sequence[Change], gone_mm: Sequence[float]) -> bool:
     return all(change.is_near(way) for change, way in zip(due, gone_mm, strict=True))
 
 
-def _shown(move: ProofMove, gone_mm: Sequence[float]) -> str:
+def _ways_words(move: ProofMove, gone_mm: Sequence[float]) -> str:
     """How far the indicators went, and how far they were to."""
     ways = ", ".join(f"{way:+.3f}" for way in gone_mm)
     due = ", ".join(f"{change.nominal_mm:+.3f}" for change in move.due)

@@ -67,7 +67,7 @@ def measure_all(
             take_simulated(guided)
             continue
         _go(guided, mover, step, confirm, saw)
-        step_taken = _taken(guided, step)
+        step_taken = _take(guided, step)
         _check(step_taken)
         tell(f"step {step.number} of {len(guided.steps)}")
     guided.finish()
@@ -183,7 +183,7 @@ def _indicators_back(guided: GuidedSession, fault_words: str) -> None:
         time.sleep(LOOK_S)
 
 
-def _taken(guided: GuidedSession, step: Step) -> TakenStep:
+def _take(guided: GuidedSession, step: Step) -> TakenStep:
     """The readings of a step; an indicator that answers late is asked again."""
     for tries_left in reversed(range(TRIES)):
         _at_rest(guided, step)

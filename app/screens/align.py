@@ -107,7 +107,7 @@ class AlignScreen(Corrections):
     async def action_watch(self) -> None:
         """Begin to watch the chosen screw, or write down where it is now."""
         if self.rails.watching is not None:
-            self._done(watched=True)
+            self._note_move(watched=True)
         elif await self._may_move():
             with self.app.complaining():
                 self.say(texts.WATCH[self.rails.watch()])
@@ -116,9 +116,9 @@ class AlignScreen(Corrections):
     async def action_as_asked(self) -> None:
         if self.rails.chosen not in self.rails.moved_mm and await self._may_move():
             self.rails.watching = self.rails.chosen
-            self._done(watched=False)
+            self._note_move(watched=False)
 
-    def _done(self, *, watched: bool) -> None:
+    def _note_move(self, *, watched: bool) -> None:
         with self.writing():
             self.say(texts.moved_text(self.rails.done(watched=watched)))
             self.action_choose(1)

@@ -61,9 +61,9 @@ class HexaSlideScreen(PagedScreen[None]):
         self._end_search()
         self.request, self.view, self.best_postures, self._conditions = request, None, None, None
         self.begin_to_look(texts.heading_text(request.machine_file, None), texts.LOOKING)
-        self.look(lambda: look_at(hexaslide_planning(request)), self._seen, texts.problem_text)
+        self.look(lambda: look_at(hexaslide_planning(request)), self._show_view, texts.problem_text)
 
-    def _seen(self, view: HexaSlideSeen) -> None:
+    def _show_view(self, view: HexaSlideSeen) -> None:
         self.view, self._drawn_at, self._count = view, 0, view.fewest
         self.head(texts.heading_text(self.request.machine_file, view))
         self._show_all()

@@ -206,14 +206,14 @@ class Tab(AppService):
             stdin=PIPE,
             stdout=PIPE,
             stderr=PIPE,
-            env=self._build_environment(*_shown(width, height)),
+            env=self._build_environment(*_terminal_size(width, height)),
         )
         self._stdin = self._process.stdin
         return self._process
 
     async def set_terminal_size(self, width: int, height: int) -> None:
         """Tell the process the new size, within bounds."""
-        await super().set_terminal_size(*_shown(width, height))
+        await super().set_terminal_size(*_terminal_size(width, height))
 
     async def stop(self) -> None:
         """End the process: politely, then by force."""
@@ -226,7 +226,7 @@ class Tab(AppService):
                 self._process.kill()
 
 
-def _shown(width: int, height: int) -> tuple[int, int]:
+def _terminal_size(width: int, height: int) -> tuple[int, int]:
     """Columns and rows as a screen may have them."""
     return min(max(1, int(width)), MOST_CELLS[0]), min(max(1, int(height)), MOST_CELLS[1])
 

@@ -52,7 +52,7 @@ class Claim:
 NOTHING = Claim(frozenset(), unnamed=False)
 
 
-def _shown(posterior: Posterior) -> list[float]:
+def _visible_sizes(posterior: Posterior) -> list[float]:
     """By how much an unremarkable size of each component changes readings, in their noise.
 
     Beside the base with its tolerances. Readings of legs show what they show, infinitely; so do
@@ -116,7 +116,7 @@ class Claims:
         One that readings of the tool cannot show tells nothing of whether anything is missing, so
         far as it is no likelier beside the model without any effect than it was before them.
         """
-        components, shown_by = posterior.components, _shown(posterior)
+        components, shown_by = posterior.components, _visible_sizes(posterior)
         plain = math.fsum(m.weight for m in posterior.models if not m.members and not m.mistakes)
         weights: dict[Claim, float] = {NOTHING: 0.0}
         for model in posterior.models:

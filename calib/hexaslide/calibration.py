@@ -147,7 +147,7 @@ def calibrate(readings: Readings, start: HexaSlide, *, fewest: int = 1) -> Calib
         step = _SeenDirections.of(point.design).step(point.residual)
         moved = _rms(point.design @ step)
         last = moved <= max(SETTLED * _rms(point.residual), ROUNDING_M)
-        point, full = _taken(readings, white, point, step, final=last)
+        point, full = _improved(readings, white, point, step, final=last)
         if last and full:  # a shortened step is small without being the end
             return _result(readings, first, point, step_number)
     raise NotIdentifiable(
@@ -169,7 +169,7 @@ def _at(
     return _Point(machine, left_over, residual, design.reshape(residual.size, -1))
 
 
-def _taken(
+def _improved(
     readings: Readings, white: FloatArray, point: _Point, step: FloatArray, *, final: bool
 ) -> tuple[_Point, bool]:
     """The point after the longest half, quarter … of the step that is no worse, and if whole.

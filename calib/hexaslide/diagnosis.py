@@ -425,7 +425,7 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
         verdict=_verdict(weights, sure_claims, after[1]),
         named=sure_claims,
         claims=claims,
-        sizes=tuple(_shown(best, models.causes, mean, covariance)),
+        sizes=tuple(_cause_sizes(best, models.causes, mean, covariance)),
         platform_m=_at_platform(models, best, mean),
         gap_after=after[0],
         p_after=after[1],
@@ -514,7 +514,7 @@ def _sizes(race: Race, entry: RaceEntry) -> tuple[FloatArray, FloatArray]:
     return np.asarray(covariance @ race.products.along[index]), covariance
 
 
-def _shown(
+def _cause_sizes(
     entry: RaceEntry, causes: tuple[HexaSlideCause, ...], mean: FloatArray, covariance: FloatArray
 ) -> Iterator[CauseSize]:
     values = iter(zip(mean.tolist(), np.sqrt(covariance.diagonal()).tolist(), strict=True))

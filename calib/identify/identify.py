@@ -177,7 +177,9 @@ def identify(
             noise,
         ),
         condition_number=float(np.linalg.cond(system)),
-        weak_directions=_seen(case, weight, efficient.design, free, noise, within_mm).weak,
+        weak_directions=_identifiability(
+            case, weight, efficient.design, free, noise, within_mm
+        ).weak,
         residual_mm=without_zeros(visits, weight, visits.value_mm - fit.predicted_mm),
         outside=_of_others(fit, visits, free),
         tolerance_mm=tolerance_mm,
@@ -206,23 +208,27 @@ def _efficient_fit(
     begin = model
     if sizes:  # no fit can begin with a size that nothing shows
         try:
-            _seen(case, weight, design_of(model, visits, free, sizes), free, noise, within_mm)
+            _identifiability(
+                case, weight, design_of(model, visits, free, sizes), free, noise, within_mm
+            )
         except NotIdentifiable:  # some act only where the machine is off
             begin = prior_fit(model, visits, weight, tolerance_mm).model
-            _seen(case, weight, design_of(begin, visits, free, sizes), free, noise, within_mm)
+            _identifiability(
+                case, weight, design_of(begin, visits, free, sizes), free, noise, within_mm
+            )
     if within_mm is not None:
         return prior_fit(model, visits, weight, within_mm, sizes, begin)
     more = MORE_PLACES if few_contacts(visits) else ""
     linear = weighted_fit(model, visits, free, weight)
-    refuse_unseen(_seen(case, weight, linear.design, free, noise), subset, more)
+    refuse_unseen(_identifiability(case, weight, linear.design, free, noise), subset, more)
     if method == "linear":
         return linear
     exact = exact_fit(model, visits, free, weight, sizes, begin)
-    refuse_unseen(_seen(case, weight, exact.design, free, noise), subset, more)
+    refuse_unseen(_identifiability(case, weight, exact.design, free, noise), subset, more)
     return exact
 
 
-def _seen(
+def _identifiability(
     case: IdentificationCase,
     weight: FloatArray,
     design: FloatArray,

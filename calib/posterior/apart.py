@@ -176,7 +176,7 @@ def single_readings(screen: Screen) -> Iterator[_Apart]:
     share = np.maximum(1.0 - (screen.basis[:count] ** 2).sum(axis=1), 1e-6)
     furthest = np.argsort(-(screen.left[:count] ** 2) / share, kind="stable")
     for row in furthest[:TRIED].tolist():
-        title = f"one {_taken(visits)} is wrong, {words_of(visits, row)}"
+        title = f"one {_gauge_word(visits)} is wrong, {words_of(visits, row)}"
         yield _Apart("wild_reading", place_of(visits, row), title, (np.array([row]),), count)
 
 
@@ -199,13 +199,13 @@ def _postures_off(screen: Screen) -> Iterator[_Apart]:
     gains = np.where(candidates, along**2 / np.where(candidates, size, 1.0), 0.0)
     for k in np.argsort(-gains, kind="stable")[: min(TRIED, int(candidates.sum()))].tolist():
         row = int(rows[k][0])
-        title = f"all {_taken(visits)}s at {visits.posture_words(row)} are off: "
+        title = f"all {_gauge_word(visits)}s at {visits.posture_words(row)} are off: "
         title += "something lay there" if visits.contact.any() else "it was another posture"
         places = int(candidates.sum())
         yield _Apart("posture_off", place_of(visits, row), title, (rows[k],), places)
 
 
-def _taken(visits: Observations) -> str:
+def _gauge_word(visits: Observations) -> str:
     return "contact" if visits.contact.any() else "reading"
 
 

@@ -134,14 +134,14 @@ class Race:
 
     def entry(self, key: Key) -> RaceEntry:
         """One model, weighed alone."""
-        explained = self._taken(key, slice(0))
+        explained = self._explained_part(key, slice(0))
         square = np.array(self.products.square - float(explained.along @ explained.along))
         room = np.array(self.products.room + explained.room)
         cost = float(LOG_CAUSES[len(key)]) + sum(self._cost(*member) for member in key)
         log_weight = float(self.log_evidence(square, room)) + cost
         return RaceEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log_weight)
 
-    def _taken(self, key: Key, beside: slice) -> ExplainedPart:
+    def _explained_part(self, key: Key, beside: slice) -> ExplainedPart:
         index = np.concatenate([np.zeros(0, np.intp), *(self.columns[k] for k, _ in key)])
         scale_of_columns = [np.full(len(self.columns[k]), scale) for k, scale in key]
         return self.products.taken_by(
@@ -185,7 +185,7 @@ class Race:
 
     def one_more(self, key: Key = ()) -> tuple[FloatArray, FloatArray]:
         """What is left and the room ``(scales, components)`` of each beside a model."""
-        explained = self._taken(key, slice(None))
+        explained = self._explained_part(key, slice(None))
         beside = self.products.along - explained.along @ explained.shown
         remainder = self.products.square - float(explained.along @ explained.along)
         square = np.empty((len(SCALES), len(self.columns)))

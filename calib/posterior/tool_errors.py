@@ -70,7 +70,7 @@ class ToolErrors:
         return self.without(range(-RIGID, 0))
 
     @cached_property
-    def _shown(self) -> FloatArray:
+    def _metric_root(self) -> FloatArray:
         """A root ``(q, f)`` of the metric: of ``q`` directions that move the tool."""
         square, axes = np.linalg.eigh(self.metric)
         moves = square > STILL * square[-1]
@@ -112,11 +112,11 @@ class ToolErrors:
         """Mean and half the variance ``(n_models, 2)`` of the square about each model's mean."""
         spread = np.empty((len(self.models), 2))
         for alike in self._alike:
-            base = self._shown @ self.models[alike[0]].base @ self._shown.T
+            base = self._metric_root @ self.models[alike[0]].base @ self._metric_root.T
             size, square = float(np.trace(base)), float((base**2).sum())
             for k in alike:
                 model = self.models[k]
-                inflation, own_root = model.inflated**2, self._shown @ model.root
+                inflation, own_root = model.inflated**2, self._metric_root @ model.root
                 inner = own_root.T @ own_root
                 mixed = float((own_root * (base @ own_root)).sum())
                 spread[k] = (

@@ -405,7 +405,7 @@ class Grbl(Controller):
             waiting = getattr(self.wire, "in_waiting", 0)
             return bytes(self.wire.read(max(1, waiting)))
         except PORT_ERRORS as problem:
-            raise self._gone(problem) from problem
+            raise self._connection_lost(problem) from problem
 
     def _send(self, request: bytes) -> None:
         try:
@@ -413,8 +413,8 @@ class Grbl(Controller):
                 raise self.fault(MotionFault.LOST, "the port is closed")
             self.wire.write(request)
         except PORT_ERRORS as problem:
-            raise self._gone(problem) from problem
+            raise self._connection_lost(problem) from problem
 
-    def _gone(self, problem: Exception) -> ControllerFault:
+    def _connection_lost(self, problem: Exception) -> ControllerFault:
         self.close()
         return self.fault(MotionFault.LOST, str(problem))

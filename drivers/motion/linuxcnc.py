@@ -404,7 +404,7 @@ class LinuxCnc(Controller):
         try:
             self._connection.sendall(command.encode() + b"\n")
         except OSError as problem:
-            raise self._gone(problem.strerror or str(problem)) from problem
+            raise self._connection_lost(problem.strerror or str(problem)) from problem
 
     def _receive(self) -> bytes:
         try:
@@ -412,9 +412,9 @@ class LinuxCnc(Controller):
         except TimeoutError:
             return b""
         except OSError as problem:
-            raise self._gone(problem.strerror or str(problem)) from problem
+            raise self._connection_lost(problem.strerror or str(problem)) from problem
         if not received:
-            raise self._gone("it hung up")
+            raise self._connection_lost("it hung up")
         return received
 
     @property
@@ -424,7 +424,7 @@ class LinuxCnc(Controller):
         self._socket.settimeout(SLICE_S)
         return self._socket
 
-    def _gone(self, reason: str) -> ControllerFault:
+    def _connection_lost(self, reason: str) -> ControllerFault:
         if self._socket is not None:
             self._before.append(self._socket)
             self._socket = None

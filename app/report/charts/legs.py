@@ -56,7 +56,7 @@ def leg_figures(result: SessionSolution) -> tuple[LegFigure, ...]:
     curves = result.curves
     several = len({curve.station for curve in curves if not curve.over_plane}) > 1
     readings = [_readings(curve) for curve in curves]
-    figures_left = [_left(curve) for curve in curves]
+    figures_left = [_residual_chart(curve) for curve in curves]
     noise = result.solution.noise  # of residuals it is what the pictures show
     noise_known = noise.source != "residuals"
     noise_um = NOISE_ROOM * UM_PER_MM * noise.standard_deviation_mm if noise_known else 0.0
@@ -107,7 +107,7 @@ def _readings(curve: LegCurve) -> Chart:
     return Chart("", "", "mm", _series(curve, curve.value_mm.tolist()), strokes=lines)
 
 
-def _left(curve: LegCurve) -> Chart:
+def _residual_chart(curve: LegCurve) -> Chart:
     """The way through the readings in time is a thin line, which shows what comes and goes."""
     left_um = (UM_PER_MM * curve.left_mm).tolist()
     at_mm, mounts = curve.at_mm.tolist(), curve.mount.tolist()

@@ -150,7 +150,7 @@ def _template() -> Template:
     environment = Environment(
         autoescape=True,
         undefined=StrictUndefined,
-        finalize=_shown,
+        finalize=_as_text,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
@@ -160,7 +160,7 @@ def _template() -> Template:
     return environment.from_string(text)
 
 
-def _shown(value: object) -> object:
+def _as_text(value: object) -> object:
     """Texts in one line without hidden characters, numbers with all of their digits."""
     if type(value) is float:
         if not math.isfinite(value):

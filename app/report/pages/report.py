@@ -60,7 +60,7 @@ def _environment() -> Environment:
     environment = Environment(
         autoescape=True,
         undefined=StrictUndefined,
-        finalize=_shown,
+        finalize=_printable,
         keep_trailing_newline=True,
         loader=PackageLoader("app.report", "pages"),
     )
@@ -77,7 +77,7 @@ def _environment() -> Environment:
     return environment
 
 
-def _shown(value: object) -> object:
+def _printable(value: object) -> object:
     """Hidden characters are shown, as everywhere."""
     return printable(value, keep="\n") if type(value) is str else value
 

@@ -29,7 +29,7 @@ class LostCombination(Combination):
     at_every_posture: bool
 
 
-def _lost(view: HexaSlideSeen) -> tuple[LostCombination, ...]:
+def _lost_combinations(view: HexaSlideSeen) -> tuple[LostCombination, ...]:
     return tuple(
         LostCombination(**vars(combination), at_every_posture=combination.name in view.always)
         for combination in view.seen.unidentifiable
@@ -70,7 +70,7 @@ class HexaSlideIdentifiabilityReport(SeenReport):
     """``identifiability hexaslide --json``."""
 
     of = Source[SeenBy, HexaSlideSeen]()
-    lost_directions: tuple[LostCombination, ...] = of(lambda _, view: _lost(view))
+    lost_directions: tuple[LostCombination, ...] = of(lambda _, view: _lost_combinations(view))
     classical_qr: PaperRules = of(lambda _, view: rules_of(view))
     reachable_rank: int | None = of(lambda r, _: r.examined.reachable_rank, "with postures enough")
     condition_numbers: dict[str, float] = of(

@@ -92,16 +92,16 @@ def record_forms() -> dict[str, RecordForm]:
 
 def meaning(schema: str) -> object:
     """What a schema asks of a document: all but its descriptions."""
-    return _asked(json.loads(schema))
+    return _without_descriptions(json.loads(schema))
 
 
-def _asked(part: Any) -> Any:  # noqa: ANN401 (JSON)
+def _without_descriptions(part: Any) -> Any:  # noqa: ANN401 (JSON)
     if isinstance(part, list):
-        return [_asked(entry) for entry in part]
+        return [_without_descriptions(entry) for entry in part]
     if not isinstance(part, dict):
         return part
     # a key of this name is a schema, a description a text
-    parts = {key: _asked(value) for key, value in part.items()}
+    parts = {key: _without_descriptions(value) for key, value in part.items()}
     return {key: v for key, v in parts.items() if key != "description" or not isinstance(v, str)}
 
 

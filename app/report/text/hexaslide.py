@@ -114,8 +114,8 @@ def seen_text(view: HexaSlideSeen) -> str:
         f"({examined.source}) "
         f"reading {', '.join(examined.measured)}. Derivatives are exact; noise plays no part.",
         _verdict(view),
-        _lost(view),
-        _known(view),
+        _lost_words(view),
+        _known_words(view),
         _conditions(view),
         _rule(view),
     )
@@ -145,7 +145,7 @@ def _verdict(view: HexaSlideSeen) -> str:
     return words + (f"\n{examined.remark}" if examined.remark else "")
 
 
-def _lost(view: HexaSlideSeen) -> str:
+def _lost_words(view: HexaSlideSeen) -> str:
     names = [parameter.name for parameter in view.seen.unidentifiable]
     lines = []
     for motion, axes in grouped([name for name in names if name in view.always]).items():
@@ -173,7 +173,7 @@ def grouped(names: list[str]) -> dict[str, list[str]]:
     return groups
 
 
-def _known(view: HexaSlideSeen) -> str:
+def _known_words(view: HexaSlideSeen) -> str:
     known_names = view.seen.identifiability.individually_known
     if len(known_names) == len(view.seen.identifiability.names):
         return "Every parameter is identifiable alone."

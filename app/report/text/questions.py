@@ -38,7 +38,7 @@ def question_text(step_taken: TakenStep, session: Session) -> str:
     if _same_again(step_taken, session):
         lines.append("It shows the same again. If all is right now, the stand has moved.")
         return "\n".join(lines)
-    return "\n".join([*lines, _asked(step_taken, session)])
+    return "\n".join([*lines, _question_words(step_taken, session)])
 
 
 def _off_lines(step_taken: TakenStep, session: Session) -> list[str]:
@@ -66,7 +66,7 @@ def _before(step_taken: TakenStep, session: Session) -> str:
     return f"{posture} {before.station:g}" if step_taken.step.over_plane else posture
 
 
-def _asked(step_taken: TakenStep, session: Session) -> str:
+def _question_words(step_taken: TakenStep, session: Session) -> str:
     """The question itself."""
     before, mover = _before(step_taken, session), "the machine"
     if step_taken.step.over_plane:

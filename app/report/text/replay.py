@@ -58,7 +58,7 @@ def said_text(playback: Playback) -> str:
     events, frames = playback.frame.events, playback.frames
     readings = [event for event in events if isinstance(event, Reading)]
     faults = [event for event in events if isinstance(event, Faulted)]
-    text = _taken(readings) if readings else "; ".join(map(_event, faults or events[:1]))
+    text = _reading_words(readings) if readings else "; ".join(map(_event, faults or events[:1]))
     unfinished = playback.record.unfinished
     at_either_end = playback.frame in (frames[0], frames[-1])
     return f"{text} {unfinished}" if unfinished and at_either_end else text
@@ -106,7 +106,7 @@ def _changed(event: Changed) -> str:
     return f"Mechanically changed: {event.reason}{end}{way}. Readings before it do not count."
 
 
-def _taken(readings: Sequence[Reading]) -> str:
+def _reading_words(readings: Sequence[Reading]) -> str:
     first = readings[0]
     values = ", ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in readings)
     if first.step is not None:

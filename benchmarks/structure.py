@@ -29,7 +29,7 @@ WORDS = (
     "chosen named done used read written lost sent heard needed put missed met tried believed got "
     "ones none which what who whose mine ours theirs either somebody nobody everybody anything "
     "something nothing everything gone came brought took gave stood answered offered proposed "
-    "picked"
+    "picked solved observed visited"
 )
 NO_NOUNS = frozenset(WORDS.split())
 """Participles and pronouns, which say nothing of what a value is."""

@@ -112,16 +112,16 @@ class SolvedSessions(Generic[Solution]):
 
 
 def suspects(
-    solved: SolvedSessions[Solution], now: Sequence[Cells], number: int, *, depart: bool
+    before: SolvedSessions[Solution], now: Sequence[Cells], number: int, *, depart: bool
 ) -> list[Mistake]:
     """Mistakes of a session by its number that may be likelier than none, the likeliest first.
 
-    ``solved`` are the sessions as they are ``now``: mistakes are looked for beside its models, and
+    ``before`` are the sessions as they are ``now``: mistakes are looked for beside its models, and
     exchanges beside single names, too; so are readings that stand apart where first takes
     ``depart`` from their repeats, for something else explains these.
     """
     cells, others_of_now = now[number], [*now[:number], *now[number + 1 :]]
-    beside, log_evidence = solved.beside(number, alone=False), solved.log_evidence
+    beside, log_evidence = before.beside(number, alone=False), before.log_evidence
     root = even_mm(cells)
     alone = [
         Screen.of(model, np.zeros((len(model.means), 0)), even_mm(model)) for model in others_of_now
@@ -141,13 +141,13 @@ def suspects(
             scores += moved.scores(screen)
         for score, mistake in scores:
             _keep(scored, model.log_weight + score, mistake)
-    for model in solved.beside(number, alone=True) if depart else ():
+    for model in before.beside(number, alone=True) if depart else ():
         screen = replace(Screen.of(cells, model.columns, root), elsewhere=elsewhere)
         for score, mistake in readings_apart(screen):
             _keep(scored, model.log_weight + score, mistake)
     if moved is not None:
         for log_weight, mistake in moved.beside_one_name(
-            screens[0], partial(solved.with_one_name, number)
+            screens[0], partial(before.with_one_name, number)
         ):
             _keep(scored, log_weight, mistake)
     ordered = sorted(scored.values(), key=lambda entry: -entry[0])

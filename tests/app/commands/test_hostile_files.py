@@ -68,7 +68,8 @@ def faults_of(seed: int, folder: Path, patch: pytest.MonkeyPatch) -> list[str]:
         finally:
             OPENED.on = False
         spent_s = time.process_time() - started
-        outside = {path for path in OPENED.paths if not path.startswith(os.path.realpath(inside))}
+        home = os.path.realpath(inside)
+        outside = {p for p in OPENED.paths if not p.startswith(home) and "__pycache__" not in p}
         raw = set(HIDDEN.findall(out + err)) - {"\n", "\t"}
         wrong = {
             "status": {status} - DOCUMENTED,

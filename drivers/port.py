@@ -7,7 +7,7 @@ import socket
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import serial
 from serial.tools.list_ports_common import ListPortInfo as ListPortInfo
@@ -103,14 +103,7 @@ def ask_by_pulse(port: SerialPort, line: LineSettings, wait: Callable[[float], o
             port.dtr = line.dtr
 
 
-class Closable(Protocol):
-    """A port, or what stands in its place."""
-
-    def close(self) -> None:
-        """Let go of it."""
-
-
-def close_port(port: Closable) -> None:
+def close_port(port: SerialPort) -> None:
     """Close the port whatever state it is in."""
     # pyserial leaves the socket of a vanished peer open: its shutdown fails before close
     port_socket: socket.socket | None = getattr(port, "_socket", None)

@@ -4,29 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from datetime import UTC, date, datetime
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING
 
-Origin = Literal["measured", "simulated", "imported"]
-
-
-class RecordLine(Protocol):
-    """A line of a record."""
-
-    @property
-    def at(self) -> datetime:
-        """When it was written."""
-
-
-class Beginning(RecordLine, Protocol):
-    """The first line."""
-
-    @property
-    def origin(self) -> Origin:
-        """Where the readings are from."""
-
-    @property
-    def measured_on(self) -> date | None:
-        """The day that is stated of an imported table."""
+if TYPE_CHECKING:  # a session loads the machines that are read on their legs
+    from protocols.session import Beginning, Line
 
 
 def measured_at(opened: Beginning) -> datetime:
@@ -48,7 +29,7 @@ def measured_words(opened: Beginning, form: str = "%Y-%m-%d") -> str:
     return f"{opened.measured_on or 'not stated'}, imported {recorded}"
 
 
-def measured_days(opened: Beginning, readings: Iterable[RecordLine]) -> tuple[date, date]:
+def measured_days(opened: Beginning, readings: Iterable[Line]) -> tuple[date, date]:
     """The day when the session began, and that of its last reading; of a table the day of all."""
     first = measured_at(opened).date()
     if opened.origin == "imported":
@@ -56,7 +37,7 @@ def measured_days(opened: Beginning, readings: Iterable[RecordLine]) -> tuple[da
     return first, max([first, *(reading.at.date() for reading in readings)])
 
 
-def day_words(opened: Beginning, readings: Iterable[RecordLine]) -> str:
+def day_words(opened: Beginning, readings: Iterable[Line]) -> str:
     """The days when it was measured; where nobody stated it, the day of the import."""
     if not is_dated(opened):
         return measured_words(opened)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal, cast, get_args
 
@@ -22,7 +21,6 @@ from calib.hexaslide.procedures import ANGLES, Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
 from calib.hexaslide.simulation import SimulatedHexaSlide, on_link
 from protocols.data_table import NUMBER
-from protocols.dates import Origin
 from protocols.documents import Celsius, Count, Document, Name, Seed, Words, read_toml
 from protocols.hexaslide import (
     MOST_POSTURES,
@@ -40,7 +38,7 @@ from protocols.hexaslide import (
 )
 from protocols.machine_files import beginning_of
 from protocols.record import Meaning, Record, RecordForm, read_record
-from protocols.session import Closed, Line, Noted, Skipped, Superseded
+from protocols.session import Beginning, Closed, Line, Noted, Skipped, Superseded
 
 SessionSchema = Literal[
     "glidecal.hexaslide-session/1",
@@ -250,18 +248,14 @@ class SimulatedPostures:
         return " ".join(f"{number:.5f}" for number in numbers)
 
 
-class PosturesOpened(Line):
+class PosturesOpened(Beginning):
     """First line: the schema, and everything known before measuring.
 
     ``truth`` is the simulated machine where it is that of an earlier session; else it comes from
     ``seed``. ``indicator`` is ``PROFILE:PORT``.
     """
 
-    event: Literal["opened"] = "opened"
     schema_id: SessionSchema = Field(alias="schema", default=SCHEMA_ID)
-    program: Name
-    origin: Origin
-    measured_on: date | None = None
     machine: HexaSlideMachine
     machine_file: Name
     procedure: PostureProcedure

@@ -16,7 +16,6 @@ from pydantic import AfterValidator, AwareDatetime, Field, TypeAdapter, model_va
 
 from calib.errors import GlidecalError, RecordError
 from protocols.data_table import Cell, DataTable, Tabled
-from protocols.dates import Origin
 from protocols.documents import (
     Celsius,
     Count,
@@ -24,6 +23,7 @@ from protocols.documents import (
     FigureMm,
     LengthMm,
     Name,
+    Origin,
     Seconds,
     Seed,
     Triple,
@@ -84,7 +84,20 @@ MeasuredMm = Annotated[LengthMm, Field(gt=0.0)]
 FileName = Annotated[Name, AfterValidator(_beside)]
 
 
-class Opened(Line):
+class Beginning(Line):
+    """First line of a session of any kind of machine.
+
+    ``measured_on`` is stated of an imported table, whose lines were written later.
+    """
+
+    event: Literal["opened"] = "opened"
+    schema_id: str = Field(alias="schema")
+    program: Name
+    origin: Origin
+    measured_on: date | None = None
+
+
+class Opened(Beginning):
     """First line: the schema and everything known before measuring.
 
     ``seed`` is set for simulated machines only, so that an interrupted simulation can go on;
@@ -94,11 +107,7 @@ class Opened(Line):
     table, whose lines were written later.
     """
 
-    event: Literal["opened"] = "opened"
     schema_id: SchemaId = Field(alias="schema", default=SCHEMA)
-    program: Name
-    origin: Origin
-    measured_on: date | None = None
     machine: Machine
     procedure: Procedure | None = None
     instruments: Annotated[tuple[Instrument, ...], Field(max_length=2)] = ()

@@ -33,8 +33,8 @@ from calib.clusters import in_parallel, on_processors
 from calib.control_chart import Watched, watch
 from calib.errors import GlidecalError, RecordError, UsageError
 from calib.posterior.tool import days_in_tolerance, tool_field
-from protocols.dates import Origin, is_dated, measured_at
-from protocols.documents import Document, read_bytes
+from protocols.dates import is_dated, measured_at
+from protocols.documents import Document, Origin, read_bytes
 from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
 from protocols.session import Session

@@ -14,7 +14,8 @@ from app.measuring.indicators import SIMULATED, asked_of, profile_of
 from calib.errors import GlidecalError, RecordError
 from calib.printable import counted
 from drivers.profile import IndicatorReading, Profile, Query
-from protocols.dates import Origin, measured_words
+from protocols.dates import measured_words
+from protocols.documents import Origin
 from protocols.machine import Instrument
 from protocols.machine_files import form_name
 from protocols.record import (

@@ -13,7 +13,7 @@ import re
 import select
 import socket
 import time
-from typing import ClassVar, Literal, Protocol
+from typing import ClassVar, Literal
 
 from calib.errors import IndicatorError, sentence
 from drivers.motion.controller import (
@@ -57,22 +57,6 @@ ANSWERS_LINES = ("Idle", "Jog", "Alarm")
 SUPERVISED = ("Ov", "WCO", "H")
 
 
-class Wire(Protocol):
-    """What bytes go through: a port of pyserial, or the file descriptor that a guard was given."""
-
-    def read(self, size: int = 1) -> bytes:
-        """What comes within `SLICE_S`."""
-
-    def write(self, data: bytes, /) -> int | None:
-        """Send."""
-
-    def fileno(self) -> int:
-        """Its file descriptor."""
-
-    def close(self) -> None:
-        """Let go of it."""
-
-
 class Descriptor:
     """The port of another process, by its file descriptor."""
 
@@ -113,7 +97,7 @@ class Grbl(Controller):
 
     def __init__(self, address: str, limits: Limits) -> None:
         super().__init__(address, limits)
-        self.wire: Wire | None = None
+        self.wire: SerialPort | Descriptor | None = None
         self._unit_mm = 1.0
         self._ask = REPORT
         self._firmware = ""
@@ -298,7 +282,9 @@ class Grbl(Controller):
         shared: socket.socket | None = getattr(wire, "_socket", None)
         if shared is not None:  # pyserial would shut it down, for the guard, too
             shared.close()
-        if wire is not None:
+        if isinstance(wire, Descriptor):
+            wire.close()
+        elif wire is not None:
             close_port(wire)
 
     def send_stop(self, attempt: int) -> None:

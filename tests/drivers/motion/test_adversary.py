@@ -18,6 +18,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from typing import cast
 
 import pytest
 
@@ -29,6 +30,7 @@ from drivers.motion.line import MotionLine, Patience
 from drivers.motion.linuxcnc import LinuxCnc
 from drivers.motion.states import State
 from drivers.motion.twins import GrblTwin, MotionTrouble, SimulatedAxes
+from drivers.port import SerialPort
 from drivers.twins import Transport
 from tests.conftest import LONG, first_quick
 from tests.drivers.motion.adversary import Front, Ill, Link, TrueAxes
@@ -109,9 +111,10 @@ def test_no_flood_of_whole_lines_makes_a_question_longer(
     assert isinstance(controller, Grbl)
     controller.answer_s = ANSWER_S
     controller.state = "Idle"
-    controller.wire = flood = Flood(line)
+    flood = Flood(line)
+    controller.wire = cast("SerialPort", flood)
     for work in (controller.connect, controller.look, lambda: controller.begin(START, FEED)):
-        controller.wire = flood
+        controller.wire = cast("SerialPort", flood)
         began_s = time.monotonic()
         with contextlib.suppress(ControllerFault):
             work()
@@ -308,7 +311,8 @@ def test_a_jog_that_ended_meanwhile_is_not_put_on_hold() -> None:
     """A hold is no more than a cancel in a jog, and locks a board that rests (tried with grbl)."""
     controller = controller_of("grbl:/dev/none", LIMITS)
     assert isinstance(controller, Grbl)
-    controller.wire = wire = Flood(b"")
+    wire = Flood(b"")
+    controller.wire = cast("SerialPort", wire)
     controller.state = "Jog"  # as it was told last
     for attempt in range(3):
         controller.send_stop(attempt)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from datetime import UTC, date, datetime
+from typing import TYPE_CHECKING
 
-from protocols.session import Beginning, Line
+if TYPE_CHECKING:  # a session loads the machines that are read on their legs
+    from protocols.session import Beginning, Line
 
 
 def measured_at(opened: Beginning) -> datetime:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import date
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
@@ -52,6 +52,8 @@ Celsius = Annotated[float, Field(ge=-300.0, le=2000.0)]
 LARGEST_COUNT = 1_000_000
 Count = Annotated[int, Field(ge=1, le=LARGEST_COUNT)]
 Seed = Annotated[int, Field(ge=0)]
+Origin = Literal["measured", "simulated", "imported"]
+"""Of the readings of a session."""
 
 
 class Document(BaseModel):

@@ -23,6 +23,7 @@ from protocols.documents import (
     FigureMm,
     LengthMm,
     Name,
+    Origin,
     Seconds,
     Seed,
     Triple,
@@ -81,9 +82,6 @@ LARGEST_READING_MM = 1000.0
 
 MeasuredMm = Annotated[LengthMm, Field(gt=0.0)]
 FileName = Annotated[Name, AfterValidator(_beside)]
-
-
-Origin = Literal["measured", "simulated", "imported"]
 
 
 class Beginning(Line):

@@ -192,7 +192,7 @@ def opened_table(
         )
     events = (*_readings(rows, unknown, machine.geometry()), *_counting(rows))
     instrument = Instrument(
-        profile="probe" if "height_mm" in rows[0].fields else "table",
+        profile="probe" if _is_of_contact(rows[0].fields) else "table",
         port=path.name,
         resolution_mm=resolution_mm,
         repeatability_mm=repeatability_mm,
@@ -320,6 +320,10 @@ def _is_of_tool(names: Container[str]) -> bool:
     return any(name in names for name in POSITION) and "leg" not in names
 
 
+def _is_of_contact(names: Container[str]) -> bool:
+    return _is_of_tool(names) and "height_mm" in names
+
+
 def _tool_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry) -> Reading:
     axis = row.letter("axis") if row.fields.get("axis") else "z"
     x, y, z = (row.number(name) for name in POSITION)
@@ -347,7 +351,7 @@ def _tool_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geo
 
 def _of_contact(row: Row, axis: Leg) -> dict[str, Any]:
     """What is a contact's own: its text is that of its place, which is what was found."""
-    if "height_mm" not in row.fields:
+    if not _is_of_contact(row.fields):
         return {}
     at = f"{axis}_mm"
     return {"contact": True, "text": row.fields.get("device_text") or row.with_point(at)}
@@ -404,7 +408,7 @@ def _leg_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geom
 
 def _of_any(row: Row, unknown: tuple[str, ...]) -> dict[str, Any]:
     """What readings of legs and of the tool have in common."""
-    column = "height_mm" if "height_mm" in row.fields else "value_mm"
+    column = "height_mm" if _is_of_contact(row.fields) else "value_mm"
     value = row.number(column, LARGEST_READING_MM)
     return {
         "value_mm": value,

@@ -34,10 +34,10 @@ from calib.control_chart import WatchedQuantity, watch
 from calib.errors import GlidecalError, RecordError, UsageError
 from calib.posterior.tool import days_in_tolerance, tool_field
 from protocols.dates import is_dated, measured_at
-from protocols.documents import Document, read_bytes
+from protocols.documents import Document, Origin, read_bytes
 from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
-from protocols.session import Origin, Session
+from protocols.session import Session
 
 RESULTS = 10
 """Number of the solver's results: it is raised when sessions give other ones, or an `Entry` says

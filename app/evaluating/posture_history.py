@@ -11,8 +11,7 @@ from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from pydantic import AwareDatetime
 
-from protocols.documents import Document
-from protocols.session import Origin
+from protocols.documents import Document, Origin
 
 Decision = Literal["pass", "fail", "undecided"]
 

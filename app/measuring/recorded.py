@@ -15,6 +15,7 @@ from calib.errors import GlidecalError, RecordError
 from calib.printable import counted
 from drivers.profile import IndicatorReading, Profile, Query
 from protocols.dates import measured_words
+from protocols.documents import Origin
 from protocols.machine import Instrument
 from protocols.machine_files import form_name
 from protocols.record import (
@@ -25,7 +26,7 @@ from protocols.record import (
     read_record,
     record_form,
 )
-from protocols.session import Closed, Continued, Event, Opened, Origin, Reading, Superseded
+from protocols.session import Closed, Continued, Event, Opened, Reading, Superseded
 
 DEMO_FOLDER = Path("demo-sessions")
 

@@ -56,6 +56,13 @@ def test_all_columns_and_unknown_ones_are_kept(tmp_path: Path) -> None:
     assert unknown == ("weather",)
 
 
+def test_a_height_beside_the_value_of_an_indicator_on_a_leg_is_kept_only(tmp_path: Path) -> None:
+    readings, unknown = read(tmp_path, f"{HEADER},height_mm\nx,y,0,0.10,7\nx,y,60,0.25,8\n")
+    assert [(r.value_mm, r.text) for r in readings] == [(0.10, "0.10"), (0.25, "0.25")]
+    assert readings[1].extra == {"height_mm": "8"}
+    assert unknown == ("height_mm",)
+
+
 @pytest.mark.parametrize("text", [GOOD.replace("\n", "\r\n"), "\ufeff" + GOOD, GOOD + "\n,,,\n"])
 def test_windows_line_ends_byte_order_mark_and_blank_rows(tmp_path: Path, text: str) -> None:
     assert len(read(tmp_path, text)[0]) == 2

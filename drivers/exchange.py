@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from calib.errors import IndicatorError
 from drivers.port import PORT_ERRORS, SLICE_S, SerialPort, ask_by_pulse, close_port, open_port
@@ -45,6 +47,9 @@ PROMPT_S = 0.5
 
 SLOWEST_MEMORY = 0.95
 """So much of the longest answer time is remembered from one answer to the next."""
+
+WORTH_WORDS_S = 2.0
+"""Whoever plugged a cable in again is told how long the line still has to be silent."""
 
 MOST_COMPARED = 4
 
@@ -167,8 +172,8 @@ class Exchange:
             self._overhear(self._serial)
             if self.profile.request is None:
                 return self._fault or self._newest(self._serial)
-            if self._fault and self._now() < self._quiet_until:
-                return self._fault
+            if self._fault and (silence_s := self._quiet_until - self._now()) > 0.0:
+                return _until_asked_again(self._fault, silence_s)
             if self._probed:
                 self._fault, self._probed, self._owed = None, False, 0
             return self._question(self._serial)
@@ -347,3 +352,11 @@ class Exchange:
 
 def _unasked(line: Outcome) -> Fault:
     return Fault(FaultKind.SENDS_UNASKED, line.text, UNASKED_WORDS)
+
+
+def _until_asked_again(fault: Fault, silence_s: float) -> Fault:
+    """The fault with the time after which the device is asked again; a short one is not said."""
+    if silence_s < WORTH_WORDS_S:
+        return fault
+    end = "" if fault.words.endswith(("?", ".")) else "."
+    return replace(fault, words=f"{fault.words}{end} Asked again in {math.ceil(silence_s)} s")

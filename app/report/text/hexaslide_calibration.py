@@ -153,7 +153,7 @@ def _next_lines(verified: VerifiedMachine) -> list[str]:
         lines.append(OF_TRACKER)
     if directions := verified.after.found.unidentifiable:
         lines.append(f"Laid over, for no reading shows it: {'; '.join(directions)}.")
-    return lines
+    return [*lines, *(f"Remark: {remark}" for remark in verified.remarks)]
 
 
 OF_TRACKER = "A shift and a turn of the tracker's frame are taken out first."

@@ -100,6 +100,9 @@ def test_calibrate_enter_and_verify_as_a_person_would(tmp_path: Path) -> None:
     assert "one machine file" in " ".join(unchanged.out.split())
     assert "the same postures" in refused(3, "verify", before, before, "--tolerance", "0.1")
     assert verify_sessions(before, after, None).decision is None
+    exchanged = glidecal("verify", after, before, "--tolerance", "0.1")
+    assert "b.jsonl is older than a.jsonl: is the order right?" in exchanged.out
+    assert report["remarks"] == []
     for wrong in ("0", "-0.1"):
         stated = f"--tolerance={wrong}"
         assert "a positive length" in refused(2, "verify", before, after, stated)

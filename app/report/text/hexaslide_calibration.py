@@ -76,7 +76,7 @@ def check_words(document: HexaSlideCalibrationReport) -> str:
     return (
         f"Check on {count} of {total} postures ({100.0 * count / total:.0f} %), kept out of "
         f"the fit: {both_words} r.m.s., noise of measuring included. Values and bound above are "
-        "of all postures."
+        "of these postures, too."
     )
 
 

@@ -12,7 +12,7 @@ from datetime import date
 from pathlib import Path
 
 from app.version import program
-from calib.errors import RecordError
+from calib.errors import CalibrationError, RecordError
 from calib.hexaslide.expectation import (
     Departure,
     Expectation,
@@ -169,7 +169,7 @@ class PostureTaking:
         assert self.doubt is not None
         self._journal.append(Noted(text=f"reading {self.doubt.reading.reading}: {KEPT}"))
         if self.doubt.departure is not None:
-            self._expectation.learn(self.session.only(self.doubt.reading))
+            self._learn([self.doubt.reading])
         self.doubt = None
 
     def take_again(self, reason: str = TAKEN_AGAIN) -> None:
@@ -204,9 +204,9 @@ class PostureTaking:
         possible = [
             reading for reading in readings if self._expectation.departure(session.only(reading))
         ]
-        if possible:
-            answers = replace(session, readings=tuple(possible)).measurements().readings()
-            self._expectation.learn(answers)
+        if possible and not self._learn(possible):
+            for reading in possible:
+                self._learn([reading])
         if len(readings) < len(session.readings):
             return self._departing(session.readings[-1])
         return None
@@ -225,8 +225,19 @@ class PostureTaking:
             return PostureDoubt(
                 reading, departure, explanations(self._expectation, only, other_readings)
             )
-        self._expectation.learn(only)
+        self._learn([reading])
         return None
+
+    def _learn(self, readings: Sequence[PostureReading]) -> bool:
+        """Whether these tell of the next ones. A wrong one that counts by the operator's word may
+        leave no machine that has all postures: measuring goes on without it.
+        """
+        taken = replace(self.session, readings=tuple(readings)).measurements().readings()
+        try:
+            self._expectation.learn(taken)
+        except CalibrationError:
+            return False
+        return True
 
 
 def measure_simulated(taking: PostureTaking, seed: int, say: Callable[[str], None]) -> None:

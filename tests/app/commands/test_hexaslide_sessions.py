@@ -131,6 +131,25 @@ def test_diagnose_names_the_posture_that_was_taken_wrong(pose: Path, tmp_path: P
     assert "s.jsonl: explained" in text
 
 
+def test_a_reading_that_is_kept_never_ends_the_session(tmp_path: Path) -> None:
+    """Before: it ended where no machine has both postures, with status 5."""
+    taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))
+    operator = SimulatedPostures(load_hexaslide(), taking.asked, 8)
+    first = operator.typed(1, 0)
+    taking.take(first)
+    taking.skip("out of sight")
+    taking.take(first)  # a quarter of a metre from posture 3
+    assert taking.doubt is not None
+    taking.keep()
+    assert taking.session.next_posture == 4
+    taking.close()
+    again = PostureTaking.resume(tmp_path / "s.jsonl")
+    assert again.doubt is None
+    again.take(operator.typed(4, 0))
+    assert again.session.next_posture == 5
+    again.close()
+
+
 def test_what_departs_is_questioned_and_explained(tmp_path: Path) -> None:
     """Two sliders exchanged, the platform left in the posture before, a slip of the finger."""
     taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))

@@ -150,6 +150,23 @@ def test_a_reading_that_is_kept_never_ends_the_session(tmp_path: Path) -> None:
     again.close()
 
 
+def test_a_reading_that_is_taken_again_is_forgotten(tmp_path: Path) -> None:
+    """Before: the right one departed from the wrong one that it replaces."""
+    taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))
+    operator = SimulatedPostures(load_hexaslide(), taking.asked, 8)
+    taking.take(operator.typed(1, 0))
+    x, y, z = operator.typed(2, 0).split()
+    taking.take(f"{x} {float(y) + 0.2} {z}")
+    assert taking.doubt is None, "within the tolerances"
+    taking.take_again()
+    taking.take(f"{x} {y} {z}")
+    assert taking.doubt is None
+    for number in range(3, 12):
+        taking.take(operator.typed(number, 0))
+        assert taking.doubt is None
+    taking.close()
+
+
 def test_what_departs_is_questioned_and_explained(tmp_path: Path) -> None:
     """Two sliders exchanged, the platform left in the posture before, a slip of the finger."""
     taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))

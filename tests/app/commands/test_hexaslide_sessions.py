@@ -131,6 +131,21 @@ def test_diagnose_names_the_posture_that_was_taken_wrong(pose: Path, tmp_path: P
     assert "s.jsonl: explained" in text
 
 
+def test_a_cut_session_is_said_whatever_is_asked_of_it(pose: Path, tmp_path: Path) -> None:
+    """Before: only replay, validate and report told it."""
+    cut = tmp_path / "cut.jsonl"
+    cut.write_bytes(pose.read_bytes()[:-30])
+    lines = len(pose.read_bytes().splitlines())
+    words = f"cut.jsonl: cut inside line {lines}; used up to line {lines - 1}."
+    out = ("--format", "model", "-o", tmp_path / "m.toml")
+    for asked in (("solve", cut), ("diagnose", cut), ("export", cut, *out)):
+        run = glidecal(*asked)
+        assert run.status == 0, run.err
+        assert words in run.err, asked[0]
+    message = refused(3, "validate", cut)
+    assert f"glidecal run --continue {cut} goes on with it" in message
+
+
 def test_a_reading_that_is_kept_never_ends_the_session(tmp_path: Path) -> None:
     """Before: it ended where no machine has both postures, with status 5."""
     taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))

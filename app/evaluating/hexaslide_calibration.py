@@ -33,8 +33,9 @@ from calib.hexaslide.planning import fewest_postures
 from calib.hexaslide.platform import PlatformError, platform_error
 from calib.hexaslide.residuals import Readings, postures_of
 from calib.stats import UNLIKELY
+from protocols.dates import is_dated, measured_at
 from protocols.hexaslide import HexaSlideMeasurements, read_truth
-from protocols.hexaslide_measured import measured_in
+from protocols.hexaslide_measured import is_record, measured_in
 from protocols.hexaslide_model import HexaSlideModel, read_hexaslide_model
 
 SHARE = 0.2
@@ -284,7 +285,7 @@ class VerifiedMachine:
     """A session after the calibrated machine was entered, judged beside the one before.
 
     ``decision`` is None where no tolerance is known. ``same_machine`` tells that both sessions were
-    measured with one machine file: nothing was entered.
+    measured with one machine file: nothing was entered. ``remarks`` doubt their order.
     """
 
     before: CalibratedMachine
@@ -292,6 +293,7 @@ class VerifiedMachine:
     tolerance_mm: float | None
     decision: Decision | None
     same_machine: bool
+    remarks: tuple[str, ...] = ()
 
 
 def sources_of_one_machine(
@@ -330,4 +332,16 @@ def verify_sessions(before: Path, after: Path, tolerance_mm: float | None) -> Ve
     tolerance = tolerance_mm or next(filter(None, stated), None)
     decision = None if tolerance is None else decided(later, tolerance)
     is_same = earlier.source.machine == later.source.machine
-    return VerifiedMachine(earlier, later, tolerance, decision, is_same)
+    remarks = tuple(_order_remarks(before, after))
+    return VerifiedMachine(earlier, later, tolerance, decision, is_same, remarks)
+
+
+def _order_remarks(before: Path, after: Path) -> Iterator[str]:
+    """Whether the later session was measured later, where both files tell."""
+    if not (is_record(before) and is_record(after)):
+        return
+    from protocols.hexaslide_session import read_postures  # as in `measured_in`
+
+    first, second = (read_postures(path)[0].opened for path in (before, after))
+    if is_dated(first) and is_dated(second) and measured_at(second) < measured_at(first):
+        yield f"{after.name} is older than {before.name}: is the order right?"

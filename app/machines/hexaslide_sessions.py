@@ -23,6 +23,7 @@ from app.machines.options import (
     number,
     working,
 )
+from app.machines.options import say as tell
 from calib.errors import IndicatorError, RecordError, UsageError
 from calib.printable import counted
 
@@ -269,14 +270,28 @@ def _indicated(line: IndicatorLine) -> tuple[str, str]:
     return f"{outcome.value_mm:.10g}", outcome.text
 
 
+def tell_unfinished(*paths: Path) -> None:
+    """Say of each session that was cut or is not closed that it was, as of sessions of legs."""
+    from protocols.hexaslide_measured import is_record
+
+    records = [path for path in paths if is_record(path)]
+    if records:
+        from protocols.hexaslide_session import read_postures  # as in `measured_in`
+
+        for path in records:
+            if words := read_postures(path)[1].unfinished:
+                tell(f"glidecal: {words}")
+
+
 def validated(path: Path) -> str:
     """Raises RecordError for a record that is not whole, or not closed."""
     from protocols.hexaslide_session import read_postures
 
     session, record = read_postures(path)
     if record.unfinished:
-        next_step = f"Continue it with: glidecal run --continue {path}"
-        raise RecordError(f"session {path}", reason=record.unfinished, next_step=next_step)
+        words = record.unfinished.removeprefix(f"{path.name}: ")
+        next_step = f"glidecal run --continue {path} goes on with it"
+        raise RecordError(f"session {path}", reason=words, next_step=next_step)
     return (
         f"{path}: unbroken and closed, {len(record.events)} lines, "
         f"{counted(len(session.all_readings), 'reading')}, {len(session.superseded)} superseded"
@@ -311,6 +326,7 @@ def exported(path: Path, format_name: str) -> tuple[Contents, tuple[str, ...]]:
         raise UsageError("--format", f"{format_name} of a {NAME}", ", ".join(formats))
     with working("Solving"):
         result = calibrate_file(path, None, 0.0)
+    tell_unfinished(path)
     report = HexaSlideCalibrationReport.of(result)
     files, cautions = calibrated_files(result, None), tuple(caveats(report))
     if format_name == "model":
@@ -330,6 +346,7 @@ def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Ans
 
     with working("Solving"):
         verification = verify_sessions(before, after, tolerance_mm)
+    tell_unfinished(before, after)
     answer = Answer(
         lambda: verification_text(verification),
         lambda: HexaSlideVerificationReport.of(verification),
@@ -346,6 +363,7 @@ def diagnosed(path: Path, request: Diagnosing, say: Say) -> Answer:
     with working("Diagnosing"):
         diagnosis = diagnose_postures(path, request.model)
         adoption = adopted(diagnosis, request.candidate) if request.adopt else None
+    tell_unfinished(path)
     if adoption is not None and request.adopt is not None:
         write_model(adoption, request.adopt, replace=request.replace)
         say(f"model written: {request.adopt}")
@@ -373,6 +391,7 @@ def compared(before: Path, after: Path) -> Answer:
 
     with working("Solving"):
         comparison = compare_postures(before, after)
+    tell_unfinished(before, after)
     return Answer(
         lambda: comparison_text(comparison), lambda: HexaSlideComparisonReport.of(comparison)
     )

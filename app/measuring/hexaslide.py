@@ -12,7 +12,7 @@ from datetime import date
 from pathlib import Path
 
 from app.version import program
-from calib.errors import RecordError
+from calib.errors import CalibrationError, RecordError
 from calib.hexaslide.expectation import (
     Departure,
     Expectation,
@@ -93,14 +93,14 @@ class PostureTaking:
 
     def __init__(self, journal: Journal, asked: PostureCommands) -> None:
         self._journal, self.asked = journal, asked
-        opened = self.session.opened
-        procedure = asked.procedure.whole().on(opened.machine.whole())
-        self._expectation = Expectation(
-            procedure,
-            opened.machine.whole(),
-            opened.machine.tolerances.of(procedure.parameters),
-        )
+        self._expectation = self._at_first()
         self.doubt = self._examined()
+
+    def _at_first(self) -> Expectation:
+        """What is expected before any reading."""
+        machine = self.session.opened.machine
+        procedure = self.asked.procedure.whole().on(machine.whole())
+        return Expectation(procedure, machine.whole(), machine.tolerances.of(procedure.parameters))
 
     @staticmethod
     def begin(plan: PosturePlan) -> PostureTaking:
@@ -169,13 +169,16 @@ class PostureTaking:
         assert self.doubt is not None
         self._journal.append(Noted(text=f"reading {self.doubt.reading.reading}: {KEPT}"))
         if self.doubt.departure is not None:
-            self._expectation.learn(self.session.only(self.doubt.reading))
+            self._learn([self.doubt.reading])
         self.doubt = None
 
     def take_again(self, reason: str = TAKEN_AGAIN) -> None:
         """The last reading no longer counts, its posture is the next one."""
         last = self.session.readings[-1]
         self._journal.append(Superseded(readings=(last.reading,), reason=reason))
+        if self.doubt is None:  # it was believed, and tells nothing any more
+            self._expectation = self._at_first()
+            self._learn_from(self.session.readings)
         self.doubt = None
 
     def skip(self, reason: str) -> None:
@@ -201,12 +204,7 @@ class PostureTaking:
             for reading in session.readings
             if reading != session.readings[-1] or f"reading {reading.reading}" in kept_numbers
         ]
-        possible = [
-            reading for reading in readings if self._expectation.departure(session.only(reading))
-        ]
-        if possible:
-            answers = replace(session, readings=tuple(possible)).measurements().readings()
-            self._expectation.learn(answers)
+        self._learn_from(readings)
         if len(readings) < len(session.readings):
             return self._departing(session.readings[-1])
         return None
@@ -225,8 +223,27 @@ class PostureTaking:
             return PostureDoubt(
                 reading, departure, explanations(self._expectation, only, other_readings)
             )
-        self._expectation.learn(only)
+        self._learn([reading])
         return None
+
+    def _learn_from(self, readings: Sequence[PostureReading]) -> None:
+        """All that the machine can have stood in, at once where one machine has all of them."""
+        only = self.session.only
+        possible = [reading for reading in readings if self._expectation.departure(only(reading))]
+        if possible and not self._learn(possible):
+            for reading in possible:
+                self._learn([reading])
+
+    def _learn(self, readings: Sequence[PostureReading]) -> bool:
+        """Whether these tell of the next ones. A wrong one that counts by the operator's word may
+        leave no machine that has all postures: measuring goes on without it.
+        """
+        taken = replace(self.session, readings=tuple(readings)).measurements().readings()
+        try:
+            self._expectation.learn(taken)
+        except CalibrationError:
+            return False
+        return True
 
 
 def measure_simulated(taking: PostureTaking, seed: int, say: Callable[[str], None]) -> None:

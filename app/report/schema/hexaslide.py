@@ -319,6 +319,7 @@ class HexaSlideVerificationReport(Report):
     tolerance_mm: float | None = of(lambda r: r.tolerance_mm)
     decision: Literal["pass", "fail", "undecided"] | None = of(lambda r: r.decision)
     same_machine_file: bool = of(lambda r: r.same_machine, "nothing was entered")
+    remarks: tuple[str, ...] = of(lambda r: r.remarks)
     lost_motions: tuple[str, ...] = of(lambda r: r.after.fit.unidentifiable)
 
 

@@ -135,19 +135,28 @@ def _of_noise(result: SessionSolution) -> Iterator[str]:
         )
 
 
+CLEARLY_BETTER = 0.5
+"""Of what a combination is known to: an opposite one that is known as poorly says nothing."""
+
+NOTHING_MM = 0.0001
+"""At the tool: less is not worth its digits."""
+
+
 def _of_weak_directions(result: SessionSolution) -> Iterator[str]:
     """Combinations of parameters that the noise hides."""
     solution = result.solution
     factor = solution.coverage_factor
     for direction in solution.weak_directions:
+        half_mm, tool_mm = direction.standard_uncertainty_mm * factor, direction.tool_mm * factor
         against = ""
         if direction.against:
             name, uncertainty = direction.against
-            against = f" ({name} to ±{uncertain(uncertainty * factor)})"
-        half_mm, tool_mm = direction.standard_uncertainty_mm * factor, direction.tool_mm * factor
+            if uncertainty * factor < CLEARLY_BETTER * half_mm:
+                against = f" ({name} to ±{uncertain(uncertainty * factor)})"
+        at_tool = f"{uncertain(tool_mm, 2)}" if tool_mm >= NOTHING_MM else f"below {NOTHING_MM}"
         yield (
             f"WEAK: {direction.combination} known only to ±{uncertain(half_mm, 2)} mm{against}; at "
-            f"the tool, {FRAME_WORDS['machine']}, that is {uncertain(tool_mm, 2)} mm."
+            f"the tool, {FRAME_WORDS['machine']}, that is {at_tool} mm."
         )
     if solution.weak_directions and not result.reads_tool:
         yield "What to measure to improve this: glidecal plan."

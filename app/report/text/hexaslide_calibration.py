@@ -76,7 +76,7 @@ def check_words(document: HexaSlideCalibrationReport) -> str:
     return (
         f"Check on {count} of {total} postures ({100.0 * count / total:.0f} %), kept out of "
         f"the fit: {both_words} r.m.s., noise of measuring included. Values and bound above are "
-        "of all postures."
+        "of these postures, too."
     )
 
 
@@ -153,7 +153,7 @@ def _next_lines(verification: VerifiedMachine) -> list[str]:
         lines.append(OF_TRACKER)
     if directions := verification.after.fit.unidentifiable:
         lines.append(f"Laid over, for no reading shows it: {'; '.join(directions)}.")
-    return lines
+    return [*lines, *(f"Remark: {remark}" for remark in verification.remarks)]
 
 
 OF_TRACKER = "A shift and a turn of the tracker's frame are taken out first."

@@ -147,6 +147,14 @@ def test_the_day_of_a_table_is_stated_or_not_made_up(samples: Path, tmp_path: Pa
     assert glidecal("import", table, *first).status == 0  # a day that no time zone has
 
 
+def test_a_history_is_shown_in_one_way(tmp_path: Path) -> None:
+    """Before: a page was written, and --json ignored in silence."""
+    page = tmp_path / "h.html"
+    message = refused(2, "history", tmp_path, "-o", page, "--json")
+    assert "--output and --json: found more than one. Allowed: one of them" in message
+    assert not page.exists()
+
+
 def test_weights_of_the_linear_method_are_refused_with_the_exact_one(samples: Path) -> None:
     """Before: they were ignored in silence."""
     session = samples / "experiment_2_twelve.jsonl"

@@ -235,7 +235,7 @@ def test_values_and_lengths_are_of_all_postures_also_without_a_stated_noise(tmp_
     assert checked["inner_lengths"] == whole["inner_lengths"]
     assert checked["platform"] == whole["platform"]
     text = calibration_text(calibrate_file(path, None, 0.25)).replace("\n", " ")
-    assert "Values and bound above are of all postures." in text
+    assert "Values and bound above are of these postures, too." in text
 
 
 def test_lengths_to_enter_that_are_none_of_the_machine_are_said(tmp_path: Path) -> None:

@@ -100,6 +100,9 @@ def test_calibrate_enter_and_verify_as_a_person_would(tmp_path: Path) -> None:
     assert "one machine file" in " ".join(unchanged.out.split())
     assert "the same postures" in refused(3, "verify", before, before, "--tolerance", "0.1")
     assert verify_sessions(before, after, None).decision is None
+    exchanged = glidecal("verify", after, before, "--tolerance", "0.1")
+    assert "b.jsonl is older than a.jsonl: is the order right?" in exchanged.out
+    assert report["remarks"] == []
     for wrong in ("0", "-0.1"):
         stated = f"--tolerance={wrong}"
         assert "a positive length" in refused(2, "verify", before, after, stated)
@@ -126,6 +129,57 @@ def test_diagnose_names_the_posture_that_was_taken_wrong(pose: Path, tmp_path: P
     text = " ".join(run.out.split())
     assert "posture 5 read or taken wrong" in text
     assert "s.jsonl: explained" in text
+
+
+def test_a_cut_session_is_said_whatever_is_asked_of_it(pose: Path, tmp_path: Path) -> None:
+    """Before: only replay, validate and report told it."""
+    cut = tmp_path / "cut.jsonl"
+    cut.write_bytes(pose.read_bytes()[:-30])
+    lines = len(pose.read_bytes().splitlines())
+    words = f"cut.jsonl: cut inside line {lines}; used up to line {lines - 1}."
+    out = ("--format", "model", "-o", tmp_path / "m.toml")
+    for asked in (("solve", cut), ("diagnose", cut), ("export", cut, *out)):
+        run = glidecal(*asked)
+        assert run.status == 0, run.err
+        assert words in run.err, asked[0]
+    message = refused(3, "validate", cut)
+    assert f"glidecal run --continue {cut} goes on with it" in message
+
+
+def test_a_reading_that_is_kept_never_ends_the_session(tmp_path: Path) -> None:
+    """Before: it ended where no machine has both postures, with status 5."""
+    taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))
+    operator = SimulatedPostures(load_hexaslide(), taking.asked, 8)
+    first = operator.typed(1, 0)
+    taking.take(first)
+    taking.skip("out of sight")
+    taking.take(first)  # a quarter of a metre from posture 3
+    assert taking.doubt is not None
+    taking.keep()
+    assert taking.session.next_posture == 4
+    taking.close()
+    again = PostureTaking.resume(tmp_path / "s.jsonl")
+    assert again.doubt is None
+    again.take(operator.typed(4, 0))
+    assert again.session.next_posture == 5
+    again.close()
+
+
+def test_a_reading_that_is_taken_again_is_forgotten(tmp_path: Path) -> None:
+    """Before: the right one departed from the wrong one that it replaces."""
+    taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))
+    operator = SimulatedPostures(load_hexaslide(), taking.asked, 8)
+    taking.take(operator.typed(1, 0))
+    x, y, z = operator.typed(2, 0).split()
+    taking.take(f"{x} {float(y) + 0.2} {z}")
+    assert taking.doubt is None, "within the tolerances"
+    taking.take_again()
+    taking.take(f"{x} {y} {z}")
+    assert taking.doubt is None
+    for number in range(3, 12):
+        taking.take(operator.typed(number, 0))
+        assert taking.doubt is None
+    taking.close()
 
 
 def test_what_departs_is_questioned_and_explained(tmp_path: Path) -> None:

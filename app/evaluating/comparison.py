@@ -177,7 +177,7 @@ def reported_pair(path: Path) -> tuple[Path, Path | None]:
     return before, path
 
 
-Entered = Literal["as expected", "not entered", "wrong sign", "something else"]
+Entered = Literal["as expected", "not shown", "not entered", "wrong sign", "something else"]
 
 LESS_COMMON = "Joint offsets are compared less what all three share: a plate does not show that."
 
@@ -216,13 +216,18 @@ of 1,000. Only then it is asked what was changed mechanically."""
 
 
 def entered_word(before_mm: float, found_mm: float, expanded_mm: float) -> Entered:
-    """What must have happened to the value at the controller."""
+    """What must have happened to the value at the controller.
+
+    Within U of both 0 and the old error, the readings do not show whether it was entered.
+    """
     guesses: tuple[tuple[float, Entered], ...] = (
         (0.0, "as expected"),
         (before_mm, "not entered"),
         (2.0 * before_mm, "wrong sign"),
     )
     near = [word for value, word in guesses if abs(found_mm - value) <= expanded_mm]
+    if "as expected" in near and "not entered" in near:
+        return "not shown"
     if near:
         return near[0]
     off_mm, word = min((abs(found_mm - value), word) for value, word in guesses)

@@ -428,6 +428,12 @@ WRONG = {
 }
 
 
+NOT_SHOWN = (
+    "± U is as large as the offset, so the readings do not show whether it was entered. Measure "
+    "more (glidecal plan)."
+)
+
+
 def verification_text(verification: Verification) -> str:
     """The decision first, then what was expected and found, then what to do."""
     before, after = verification.compared.before, verification.compared.after
@@ -471,6 +477,9 @@ def what_to_do(verification: Verification) -> list[str]:
         for kind in WRONG
     }
     lines = [f"{', '.join(names)}: {WRONG[kind]}" for kind, names in wrong.items() if names]
+    hidden = [offset.name for offset in verification.offsets if offset.entered == "not shown"]
+    if hidden and verification.decision != "pass":
+        lines.append(f"{', '.join(hidden)}: {NOT_SHOWN}")
     if after.lacks_something:
         lines.append(f"Something is missing from the model: glidecal diagnose {after.names[0]}")
     if not lines and verification.decision in ("fail", "undecided"):

@@ -33,7 +33,12 @@ def test_chance_is_no_mechanical_change() -> None:
     """95 intervals of 100 hold the truth: of three values one is often outside."""
     words = [entered_word(1.0, left_mm, 0.01) for left_mm in (0.009, 0.016, 0.018, 0.984, 1.99)]
     assert words == ["as expected", "as expected", "something else", "not entered", "wrong sign"]
-    assert entered_word(0.005, 0.009, 0.01) == "as expected"
+
+
+def test_an_offset_that_is_smaller_than_its_uncertainty_is_not_shown_to_be_entered() -> None:
+    assert entered_word(0.005, 0.009, 0.01) == "not shown"
+    assert entered_word(-0.1066, -0.1288, 0.243) == "not shown"
+    assert entered_word(0.005, -0.007, 0.01) == "as expected"
 
 
 @pytest.mark.parametrize(

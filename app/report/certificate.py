@@ -132,7 +132,7 @@ class CertifiedCalibration:
         """The decision before the values were entered, or that there is none."""
         if self.judged is None:
             return NOT_JUDGED.format("tool_tolerance_mm")
-        return judged_sentence(self.judged, verified=False)
+        return judged_sentence(self.judged, verified=False, entered=self.verification is not None)
 
     @property
     def decision(self) -> str:

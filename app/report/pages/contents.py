@@ -45,6 +45,7 @@ from app.report.pages.two_pages import (
 from app.report.text.correction import (
     FRAME_WORDS,
     UNSEEN,
+    before_or_now,
     bound_table,
     doubt_lines,
     gains_table,
@@ -144,7 +145,12 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
         machine=calibration.machine.name,
         decision=calibration.decision,
         sentences=(
-            bound_sentence(result.entered, result.frame, calibration.tolerance_mm),
+            bound_sentence(
+                result.entered,
+                result.frame,
+                calibration.tolerance_mm,
+                entered=verified is not None,
+            ),
             f"{diagnosis.verdict.upper()}. {diagnosis.sentence}",
         ),
         first_page=first_page(calibration),
@@ -217,10 +223,15 @@ def _set_ups(session: Session) -> list[Picture]:
 
 
 def _controller(result: SessionSolution, judged: str, model: Path | None) -> Section:
-    """What is to be entered and what the tool keeps then, with remedies of a model."""
+    """What is to be entered and what the tool keeps then, with remedies of a model.
+
+    ``judged`` is the decision before, empty where the values were not entered since.
+    """
     machine, correction = result.sessions[0].opened.machine, result.correction
     head = [judged, DECISION_RULE]
-    bound = bound_table(correction.frame, correction.off_now, result.entered.off)
+    bound = bound_table(
+        correction.frame, correction.off_now, result.entered.off, entered=bool(judged)
+    )
     effects = read_model_file(model).effects if model else ()
     remedies = [effect_words(effect, machine) for effect in effects]
     if change := result.printer_change:
@@ -239,7 +250,7 @@ def _controller(result: SessionSolution, judged: str, model: Path | None) -> Sec
             *warning_lines(result, correction),
             _offsets(result, machine),
             bound,
-            _vectors(result),
+            _vectors(result, before_or_now(bool(judged))),
             "" if result.reads_tool else UNSEEN,
             gains_table(result),
             *left_out_lines(correction.left_out),
@@ -259,10 +270,10 @@ def _offsets(result: SessionSolution, machine: Machine) -> Table:
     return table
 
 
-def _vectors(result: SessionSolution) -> Picture:
-    """Which way the tool is off, now and with the values entered."""
+def _vectors(result: SessionSolution, when: str) -> Picture:
+    """Which way the tool is off without the values entered, ``when`` that is, and with them."""
     correction = result.correction
-    states = (("now", correction.off_now), ("with these values entered", correction.off))
+    states = ((when, correction.off_now), ("with these values entered", correction.off))
     maps = [(words, vector_maps(off, correction.frame)) for words, off in states]
     caption = (
         f"Expected error of the tool, {FRAME_WORDS[correction.frame]}, on three planes through "

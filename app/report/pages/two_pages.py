@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from rich.table import Table
 
 from app.evaluating.comparison import Verification
-from app.evaluating.solution import SessionSolution
 from app.report.certificate import CertificateHead, CertifiedCalibration
 from app.report.charts.legs import LegFigure
 from app.report.pages.figures import leg_sheet_svg
@@ -68,7 +67,7 @@ def first_page(calibration: CertifiedCalibration) -> list[Section]:
     return [
         Section("", [_object(calibration), SIMULATED if simulated else ""]),
         Section("Traceability", traceability(calibration.instruments, gauge_word(result))),
-        Section("Result", _result(result)),
+        Section("Result", _result(calibration)),
     ]
 
 
@@ -183,8 +182,9 @@ def traceability(instruments: Sequence[InstrumentIdentity], gauge: str) -> list[
     return [table, words]
 
 
-def _result(result: SessionSolution) -> list[str | Table]:
-    """What is entered, and what the tool is off by now and then."""
+def _result(calibration: CertifiedCalibration) -> list[str | Table]:
+    """What is entered, and what the tool is off by without it and with it."""
+    result, entered = calibration.result, calibration.verification is not None
     correction, change = result.correction, result.printer_change
     words = f"The values leave least of the tool's error, {FRAME_WORDS[correction.frame]}."
     if change:
@@ -198,7 +198,7 @@ def _result(result: SessionSolution) -> list[str | Table]:
         )
         warnings = [*warning_lines(result, correction)]
     return [
-        bound_table(correction.frame, correction.off_now, result.entered.off),
+        bound_table(correction.frame, correction.off_now, result.entered.off, entered=entered),
         DECISION_RULE,
         *values,
         words,

@@ -82,9 +82,15 @@ def frames_of(frame: Frame) -> list[Frame]:
     return [frame, *(frame_beside for frame_beside in FRAMES if frame_beside != frame)]
 
 
-def bound_table(first: Frame, off_now: ToolOff, off: ToolOff) -> Table:
-    """What the tool is off by at most, now and with the values, in each frame."""
-    table = new_table("tool error, r.m.s. (95 %)", "now, mm", "with these values, mm")
+def before_or_now(entered: bool) -> str:
+    """The word for the time without the values: it is over where they are ``entered`` since."""
+    return "before" if entered else "now"
+
+
+def bound_table(first: Frame, off_now: ToolOff, off: ToolOff, *, entered: bool = False) -> Table:
+    """What the tool is off by at most, without the values and with them, in each frame."""
+    when = f"{before_or_now(entered)}, mm"
+    table = new_table("tool error, r.m.s. (95 %)", when, "with these values, mm")
     for frame in frames_of(first):
         now, after = off_now.bound_in(frame), off.bound_in(frame)
         table.add_row(FREE_WORDS[frame], uncertain(now), uncertain(after))

@@ -22,6 +22,7 @@ from app.report.text.correction import (
     FRAME_WORDS,
     SUBSET_WORDS,
     UNSEEN,
+    before_or_now,
     bound_table,
     correction_table,
     doubt_lines,
@@ -276,23 +277,36 @@ def _source_words(result: SessionSolution) -> str:
 
 
 def bound_sentence(
-    correction: SessionCorrection | PrinterChange, frame: Frame, tolerance_mm: float | None
+    correction: SessionCorrection | PrinterChange,
+    frame: Frame,
+    tolerance_mm: float | None,
+    *,
+    entered: bool = False,
 ) -> str:
-    """What the tool keeps with the values to enter, and what it keeps now."""
+    """What the tool keeps with the values to enter, and without; they may be ``entered`` since."""
     now, then = (beside(mm, tolerance_mm) for mm in (correction.now_mm, correction.bound_mm))
+    if entered:
+        return (
+            f"Predicted with the values entered: the tool is off by at most {then} mm r.m.s. over "
+            f"the workspace (95 %), {FRAME_WORDS[frame]}; before by at most {now} mm."
+        )
     return (
         f"With these values entered the tool is off by at most {then} mm r.m.s. over the "
         f"workspace (95 %), {FRAME_WORDS[frame]}; now by at most {now} mm."
     )
 
 
-def judged_sentence(judged: Judgement, *, verified: bool) -> str:
-    """The decision that heads a result: after a verification that of the machine as it is now."""
+def judged_sentence(judged: Judgement, *, verified: bool, entered: bool = False) -> str:
+    """The decision that heads a result: after a verification that of the machine as it is now.
+
+    The values may be ``entered`` since.
+    """
     if verified:
         return f"{judged.before.upper()}: tolerance {judged.tolerance_mm:g} mm, against the bound."
     return (
         f"{judged.after.upper()} with these values entered, {judged.before.upper()} "
-        f"now: tolerance {judged.tolerance_mm:g} mm for the tool, r.m.s., against the bound."
+        f"{before_or_now(entered)}: tolerance {judged.tolerance_mm:g} mm for the tool, r.m.s., "
+        "against the bound."
     )
 
 

@@ -401,6 +401,11 @@ def test_with_a_later_session_it_decides(tmp_path: Path) -> None:
     assert [s.heading for s in report.sections].count(
         "Measured again, with the offsets entered"
     ) == 1
+    page = Page(html_of(report)).text
+    assert "Predicted with the values entered: the tool is off by at most" in page
+    assert "tool error, r.m.s. (95 %) before, mm" in " ".join(page.split())
+    words = " ".join(page.split())
+    assert not [words[at.start() - 60 : at.end() + 40] for at in re.finditer(r"\bnow\b", words)]
 
 
 @LONG

@@ -25,7 +25,6 @@ from app.machines.options import (
     Protocol,
     Question,
     Say,
-    Seed,
     Simulation,
     SubsetName,
     deliver,
@@ -204,19 +203,28 @@ class SolveOptions:
         bool, typer.Option("--figures", help="Draw readings and residuals, by leg.")
     ] = False
     monte_carlo: Annotated[
-        int, typer.Option(help="Check with this number of simulated sessions.", min=0)
-    ] = 0
-    seed: Seed = 1
+        int | None, typer.Option(help="Check with this number of simulated sessions.", min=1)
+    ] = None
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of --monte-carlo.", show_default="1")
+    ] = None
+
+
+def _check_options(options: SolveOptions) -> None:
+    """Raises UsageError for an option that would be ignored."""
+    if options.weights != "equal" and options.method != "linear":
+        raise UsageError(
+            "--weights", f"{options.weights} with --method {options.method}", "--method linear"
+        )
+    if options.seed is not None and options.monte_carlo is None:
+        raise UsageError("--seed", f"{options.seed} without --monte-carlo", "both")
 
 
 def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
     """Parameters with uncertainties from sessions. Raises UsageError for what they do not allow."""
     from app.evaluating.solution import solve_files
 
-    if options.weights != "equal" and options.method != "linear":
-        raise UsageError(
-            "--weights", f"{options.weights} with --method {options.method}", "--method linear"
-        )
+    _check_options(options)
     with working("Solving"):
         result = solve_files(
             files,
@@ -240,7 +248,9 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
         from app.evaluating.solution import monte_carlo
 
         with working("Simulating sessions"):
-            simulated = monte_carlo(result, options.monte_carlo, options.seed)
+            simulated = monte_carlo(
+                result, options.monte_carlo, 1 if options.seed is None else options.seed
+            )
 
     def text() -> str:
         from app.report.text.result import judged_text, maps_text, monte_carlo_text, solution_text

@@ -443,3 +443,8 @@ def test_an_option_that_does_not_fit_shows_the_value_and_what_is_allowed() -> No
     ):
         run = glidecal("run", "--simulated", option, value)
         assert (run.status, f"'{option}': {words}" in run.err) == (2, True), run.err
+
+
+def test_a_seed_without_simulated_sessions_is_refused(samples: Path) -> None:
+    message = refused(2, "solve", samples / "simulated_zero-max-min.jsonl", "--seed", "3")
+    assert "--seed: found 3 without --monte-carlo" in message

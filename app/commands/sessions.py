@@ -327,7 +327,8 @@ def _cautions(session: Session, word: str) -> Iterator[str]:
 
     readings, geometry = session.all_readings, session.opened.machine.geometry()
     if outside := outside_limits(readings, geometry):
-        yield f"{outside} {word} are outside the joint limits of the machine file"
+        count = counted(outside, word.removesuffix("s"))
+        yield f"{count} outside the joint limits of the machine file"
     if off_bar := off_bar_words(readings, geometry):
         yield off_bar
     if off_plate := off_plate_words(readings, session.opened.machine):
@@ -359,7 +360,9 @@ def validate(sessions: Sessions) -> None:
             status = exit_code(problem)
             continue
         if record.unfinished:
-            say(f"glidecal: {record.unfinished} Continue it with: glidecal run --continue {path}")
+            is_table = record.opened.origin == "imported"
+            advice = "" if is_table else f" Continue it with: glidecal run --continue {path}"
+            say(f"glidecal: {record.unfinished}{advice}")
             status = Exit.RECORD
             continue
         session = record.session

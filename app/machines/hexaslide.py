@@ -327,7 +327,7 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
         deliver(
             options.corrected, calibrated_files(result, options.posture_file), force=options.force
         )
-        say(kinematics_words(result.entered))
+        say(f"glidecal: {kinematics_words(result.entered)}")
     return Answer(lambda: calibration_text(result), lambda: HexaSlideCalibrationReport.of(result))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import os
 import signal
@@ -53,6 +54,37 @@ class PrintableStream(io.TextIOBase):
         return self._behind.fileno()
 
 
+PLAIN = "glidecal.plain"
+SPELLINGS = {
+    "−": "-",
+    "–": "-",
+    "±": "+-",
+    "×": "x",
+    "→": "->",
+    "≤": "<=",
+    "≥": ">=",
+    "µ": "u",
+    "°": "deg",
+    "…": "...",
+    "─": "-",
+    "│": "|",
+    "█": "#",
+    "’": "'",
+}
+"""What consoles without UTF-8 get for characters that they do not have; for others "?"."""
+
+
+def _spelled(problem: UnicodeError) -> tuple[str | bytes, int]:
+    """A text that the console can show in place of one that it cannot, and where to go on."""
+    if not isinstance(problem, UnicodeEncodeError):
+        raise problem
+    strange = problem.object[problem.start : problem.end]
+    return "".join(SPELLINGS.get(letter, "?") for letter in strange), problem.end
+
+
+codecs.register_error(PLAIN, _spelled)
+
+
 def guard_standard_streams() -> None:
     """Make everything printable that is printed from here on.
 
@@ -61,8 +93,8 @@ def guard_standard_streams() -> None:
     """
     _replace_closed_streams()
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a console without UTF-8 gets "?", no traceback
-            stream.reconfigure(errors="replace")
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=PLAIN)
     if not isinstance(sys.stdout, PrintableStream):
         sys.stdout = PrintableStream(sys.stdout)
         sys.stderr = PrintableStream(sys.stderr)

@@ -14,6 +14,7 @@ from app.report.dcc.document import (
     check_head,
     value_in_mm,
 )
+from app.report.text.caveats import gauge_word
 from app.report.text.correction import FREE_WORDS, frames_of
 from calib.arrays import LEG_NAMES
 from calib.identify.solution import Solution
@@ -31,8 +32,8 @@ def contents_of(calibration: CertifiedCalibration) -> CertificateContents:
         serial_numbers=calibration.serial_numbers,
         sessions=[*map(_recorded, calibration.sessions)],
         instruments=calibration.instruments,
-        traceability="Lengths are those of the indicators. Each names its calibration "
-        "certificate, where one was stated.",
+        traceability=f"Lengths are those of the {gauge_word(calibration.result)}s. Each names its "
+        "calibration certificate, where one was stated.",
         completeness=f"{diagnosis.verdict}: {diagnosis.sentence}",
         results=[*results_of(calibration)],
         moved="tool",

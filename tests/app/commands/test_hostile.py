@@ -121,6 +121,21 @@ def test_standard_output_on_a_full_disk() -> None:
     assert "Traceback" not in run.stderr
 
 
+def test_a_console_without_unicode_gets_plain_spellings() -> None:
+    run = subprocess.run(
+        [sys.executable, "-m", "app", "solve", EXPERIMENT],
+        capture_output=True,
+        encoding="ascii",
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        check=True,
+        timeout=600,
+    )
+    assert "+- U (95 %)" in run.stdout
+    assert "d_rho - d_L" in run.stdout
+    assert "-----" in run.stdout
+    assert "?" not in run.stdout
+
+
 @LONG
 @pytest.mark.skipif(os.name != "posix", reason="needs a POSIX shell")
 @pytest.mark.parametrize("closed", first_quick([">&-", ">&- <&-", ">&- 2>&-"]))

@@ -249,6 +249,11 @@ def _pattern(diagnosed: SessionDiagnosis) -> list[str]:
     return [wrapped(sentence), *pairs]
 
 
+WITH_DISTANCES = (
+    "The chances include the distances between marks; the millimetres are of the contacts alone."
+)
+
+
 def gap_text(diagnosed: SessionDiagnosis) -> str:
     """The gap in the readings and its chance, before and after what was named or guessed."""
     diagnosis, noise = diagnosed.diagnosis, diagnosed.noise
@@ -266,6 +271,8 @@ def gap_text(diagnosed: SessionDiagnosis) -> str:
     if after != before:
         added = "what was named" if diagnosis.effects else "the best guess"
         sentence += f"\nWith {added}: {after.rms_mm:.4f} mm; that {by_chance(after.p_value)}."
+    if any(session.distances for session in diagnosed.sessions):
+        sentence += f"\n{WITH_DISTANCES}"
     return sentence
 
 

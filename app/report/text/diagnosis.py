@@ -250,7 +250,7 @@ def _pattern(diagnosed: SessionDiagnosis) -> list[str]:
 
 
 WITH_DISTANCES = (
-    "The chances include the distances between marks; the millimetres are of the contacts alone."
+    "The chances include the distances between marks; the millimetres are of the readings alone."
 )
 
 

@@ -228,8 +228,8 @@ def _ask_all(taking: PostureTaking, line: IndicatorLine | None, say: Say) -> Non
         number = taking.session.next_posture
         if number is None:
             break
-        say(task_text(taking.asked, number, is_first=not taking.session.readings))
-        typed = _prompt(prompt_text(taking.asked, indicated=line is not None))
+        say(task_text(taking.commands, number, is_first=not taking.session.readings))
+        typed = _prompt(prompt_text(taking.commands, indicated=line is not None))
         try:
             if not _answer(taking, typed):
                 value, text = (typed, "") if typed or line is None else _indicated(line)

@@ -313,7 +313,7 @@ class SpindleCheck:
         return len(self.ways) == len(self.instruments)
 
     @property
-    def asked(self) -> int:
+    def number_due(self) -> int:
         """The indicator whose spindle is to be pushed next."""
         return next((k for k in range(len(self.instruments)) if k not in self.ways), 0)
 
@@ -355,13 +355,13 @@ class SpindleCheck:
         self.last = "larger" if self._away_mm[moved] > 0.0 else "smaller"
         if any(ALONE * size > sizes[moved] for k, size in enumerate(sizes) if k != moved):
             self.finding = PushResult.BOTH
-        elif moved != self.asked:
+        elif moved != self.number_due:
             self.finding = PushResult.OTHER
         elif self.instruments[moved].pushed_in not in (None, self.last):
             self.finding = PushResult.SIGN
         else:
             self.finding = PushResult.RIGHT
-            self.ways[self.asked] = self.last
+            self.ways[self.number_due] = self.last
 
     def exchange(self) -> None:
         """The hand was right, the ports are not: each indicator takes the axes of the other.
@@ -373,7 +373,7 @@ class SpindleCheck:
             second.model_copy(update={"axes": first.axes}),
             first.model_copy(update={"axes": second.axes}),
         )
-        pushed, self.exchanged = self.asked, not self.exchanged
+        pushed, self.exchanged = self.number_due, not self.exchanged
         self.ways = {pushed: self.last}
         self.finding, self._rest_mm = PushResult.RIGHT, ()
 

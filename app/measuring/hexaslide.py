@@ -91,15 +91,15 @@ class PostureDoubt:
 class PostureTaking:
     """One session, new or gone on with; close it where it is not finished."""
 
-    def __init__(self, journal: Journal, asked: PostureCommands) -> None:
-        self._journal, self.asked = journal, asked
+    def __init__(self, journal: Journal, commands: PostureCommands) -> None:
+        self._journal, self.commands = journal, commands
         self._expectation = self._at_first()
         self.doubt = self._examined()
 
     def _at_first(self) -> Expectation:
         """What is expected before any reading."""
         machine = self.session.opened.machine
-        procedure = self.asked.procedure.whole().on(machine.whole())
+        procedure = self.commands.procedure.whole().on(machine.whole())
         return Expectation(procedure, machine.whole(), machine.tolerances.of(procedure.parameters))
 
     @staticmethod
@@ -152,11 +152,11 @@ class PostureTaking:
         """
         number = self.session.next_posture
         assert number is not None, "a posture is left"
-        sliders, values = typed_values(typed, self.asked.procedure.whole())
+        sliders, values = typed_values(typed, self.commands.procedure.whole())
         reading = PostureReading(
             reading=len(self.session.all_readings) + 1,
             posture=number,
-            sliders_mm=sliders or self.asked.of(number),
+            sliders_mm=sliders or self.commands.of(number),
             values=values,
             text=text or typed.strip(),
         )
@@ -214,11 +214,11 @@ class PostureTaking:
         only = self.session.only(reading)
         departure = self._expectation.departure(only)
         if departure is None or departure.is_doubtful:
-            sliders_m = self.asked.sliders_mm / 1000.0
+            sliders_m = self.commands.sliders_mm / 1000.0
             other_readings = [
                 (f"the platform in posture {number}", row)
                 for number, row in enumerate(sliders_m, start=1)
-                if number != reading.posture and not self.asked.procedure.whole().has_rigid_link
+                if number != reading.posture and not self.commands.procedure.whole().has_rigid_link
             ]
             return PostureDoubt(
                 reading, departure, explanations(self._expectation, only, other_readings)
@@ -249,7 +249,7 @@ class PostureTaking:
 def measure_simulated(taking: PostureTaking, seed: int, say: Callable[[str], None]) -> None:
     """Every posture that is left, by a simulated operator who takes a doubtful one again."""
     opened = taking.session.opened
-    machine = SimulatedPostures(opened.machine, taking.asked, seed, opened.truth)
+    machine = SimulatedPostures(opened.machine, taking.commands, seed, opened.truth)
     while (number := taking.session.next_posture) is not None:
         readings = taking.session.all_readings
         attempt = sum(reading.posture == number for reading in readings)

@@ -93,10 +93,16 @@ def _results(certified: CertifiedPostures) -> Iterator[Result]:
         alone = [(name, document.parameters[name]) for name in document.individually_known]
         yield Result(
             "Parameters that are known one by one",
-            "Of the values to enter, as the documentation of the program names them. They make up "
-            "for what has no parameter, so that a link differs from its length above.",
+            "Of the values to enter, as the documentation of the program names them. They "
+            "compensate for what has no parameter, so that a link differs from its length above.",
             [
-                _scaled(name, p.unit, p.value, p.standard_uncertainty, p.expanded_uncertainty)
+                _scaled(
+                    f"{name} to enter",
+                    p.unit,
+                    p.value,
+                    p.standard_uncertainty,
+                    p.expanded_uncertainty,
+                )
                 for name, p in alone
             ],
         )

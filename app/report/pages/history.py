@@ -28,7 +28,7 @@ BELOW = " Below: what the tool was off by at most, as it was found{}."
 TOLERANCE = "; dotted: the tolerance"
 PLATFORM_CAPTION = (
     "What the platform was off by, r.m.s. over the box, as it was found, and the bound (95 %) with "
-    "the machine that the session gives."
+    "the machine that the session gives. Frames that a session does not show are laid over."
 )
 
 

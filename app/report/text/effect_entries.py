@@ -14,8 +14,8 @@ def size_lines(effect: EffectEntry) -> list[str]:
     for name, size in effect.parameters.items():
         spread = size.standard_uncertainty
         value_words = expanded(size.value, spread) if spread else f"{size.value:+.4g}"
-        held_words = ", held" if size.held else ""
-        lines.append(f"    {name} = {value_words} {size.unit}{held_words}")
+        more_words = f"{' (95 %)' if spread else ''}{', held' if size.held else ''}"
+        lines.append(f"    {name} = {value_words} {size.unit}{more_words}")
     return lines
 
 

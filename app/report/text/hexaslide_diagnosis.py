@@ -76,7 +76,7 @@ def adoption_words(adoption: Adoption) -> str:
     entries = [e for e in adoption.model.effects if (e.id, e.where) in names]
     before, after = adoption.platform_before, adoption.platform
     lines = [
-        f"Adopted: {_title(names)}.",
+        f"Adopted: {_title(names)}. Its size if it acts:",
         *(line for entry in entries for line in size_lines(entry)),
         f"If that acts, the platform is off by {1000.0 * after.now.places_rms_m:.3g} mm r.m.s. now,"
         f" and {_bound(after)} with the calibrated machine (95 %); when all models count,"

@@ -19,12 +19,12 @@ GAP = 2
 """Between columns of a table that would else be too wide."""
 
 
-def task_text(asked: PostureCommands, number: int, *, is_first: bool) -> str:
+def task_text(commands: PostureCommands, number: int, *, is_first: bool) -> str:
     """Where to send the sliders for a posture, counted from 1, and what to attach.
 
     ``is_first``: nothing was read before.
     """
-    procedure, slider_words = asked.procedure, [f"{value:.4f}" for value in asked.of(number)]
+    procedure, slider_words = commands.procedure, [f"{value:.4f}" for value in commands.of(number)]
     posture = procedure.postures[number - 1]
     coordinate_words = [
         f"{name} {value:.3f}" for name, value in zip(COMPONENTS, posture, strict=True)
@@ -43,9 +43,9 @@ def task_text(asked: PostureCommands, number: int, *, is_first: bool) -> str:
     return "\n".join(lines)
 
 
-def prompt_text(asked: PostureCommands, *, indicated: bool) -> str:
+def prompt_text(commands: PostureCommands, *, indicated: bool) -> str:
     """What is typed."""
-    procedure = asked.procedure.whole()
+    procedure = commands.procedure.whole()
     sliders = ["slider 1 … 6 as they stand"] if procedure.has_rigid_link else []
     names = [f"{name} °" if name in ANGLES else f"{name} mm" for name in procedure.measured]
     typed = ", ".join((*sliders, *names))

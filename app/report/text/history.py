@@ -53,8 +53,9 @@ BELOW_TABLE = (
 
 BELOW_POSTURES = (
     "off: what the platform was off by, mm r.m.s. over the box, as it was found; then: at most "
-    "with the calibrated machine (95 %). pass, fail, undecided: as it was found, by the tolerance "
-    "in the machine file."
+    "with the calibrated machine (95 %). Frames that a session does not show are laid over, so "
+    "figures of different procedures differ. pass, fail, undecided: as it was found, by the "
+    "tolerance in the machine file."
 )
 
 

@@ -210,10 +210,10 @@ def trial_text(trial: SpindleCheck, step: Step) -> str:
     if trial.done:
         return "Each spindle was found at its place. {check.begin} begins."
     indicators = [indicator_words(k, instrument) for k, instrument in enumerate(trial.instruments)]
-    first_name, second_name = indicators[trial.asked], indicators[trial.asked - 1]
-    instrument = trial.instruments[trial.asked]
-    reads = trial.asked in step.indicators
-    axis = step.axes[step.indicators.index(trial.asked)] if reads else instrument.axes[0]
+    first_name, second_name = indicators[trial.number_due], indicators[trial.number_due - 1]
+    instrument = trial.instruments[trial.number_due]
+    reads = trial.number_due in step.indicators
+    axis = step.axes[step.indicators.index(trial.number_due)] if reads else instrument.axes[0]
     axis = f"along {axis.upper()}"
     findings = {
         PushResult.OTHER: f"{second_name.capitalize()} moved. Was it the one {axis}? Then "

@@ -149,7 +149,7 @@ def test_a_cut_session_is_said_whatever_is_asked_of_it(pose: Path, tmp_path: Pat
 def test_a_reading_that_is_kept_never_ends_the_session(tmp_path: Path) -> None:
     """Before: it ended where no machine has both postures, with status 5."""
     taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))
-    operator = SimulatedPostures(load_hexaslide(), taking.asked, 8)
+    operator = SimulatedPostures(load_hexaslide(), taking.commands, 8)
     first = operator.typed(1, 0)
     taking.take(first)
     taking.skip("out of sight")
@@ -168,7 +168,7 @@ def test_a_reading_that_is_kept_never_ends_the_session(tmp_path: Path) -> None:
 def test_a_reading_that_is_taken_again_is_forgotten(tmp_path: Path) -> None:
     """Before: the right one departed from the wrong one that it replaces."""
     taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))
-    operator = SimulatedPostures(load_hexaslide(), taking.asked, 8)
+    operator = SimulatedPostures(load_hexaslide(), taking.commands, 8)
     taking.take(operator.typed(1, 0))
     x, y, z = operator.typed(2, 0).split()
     taking.take(f"{x} {float(y) + 0.2} {z}")
@@ -185,7 +185,7 @@ def test_a_reading_that_is_taken_again_is_forgotten(tmp_path: Path) -> None:
 def test_what_departs_is_questioned_and_explained(tmp_path: Path) -> None:
     """Two sliders exchanged, the platform left in the posture before, a slip of the finger."""
     taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))
-    operator = SimulatedPostures(load_hexaslide(), taking.asked, 8)
+    operator = SimulatedPostures(load_hexaslide(), taking.commands, 8)
     for number in range(1, 16):
         taking.take(operator.typed(number, 0))
         assert taking.doubt is None

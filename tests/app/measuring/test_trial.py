@@ -111,7 +111,7 @@ def test_exchanged_ports(bench: Bench) -> None:
         ("B", "yx"),
         ("A", "zy"),
     ]
-    assert (trial.ways, trial.asked) == ({0: "larger"}, 1)
+    assert (trial.ways, trial.number_due) == ({0: "larger"}, 1)
     bench.push(trial, 1, -2.0)
     assert trial.done
     assert [instrument.pushed_in for instrument in trial.known()] == ["larger", "smaller"]

@@ -202,7 +202,7 @@ class DiagnosedTool:
 
     @property
     def now_mm(self) -> float:
-        """95 % of the posterior keep it with the present values of the controller."""
+        """Bound of the tool error with the present values of the controller."""
         return self.now.bound_in(self.frame)
 
     @property

@@ -74,13 +74,13 @@ class ToolOff:
     """
 
     posterior: Posterior
-    values: FloatArray
+    values: FloatArray = field(repr=False)
     beside_mm: float = 0.0
     _bounds_mm: dict[Frame, float] = field(default_factory=dict)
     _least_mm: dict[Frame, float] = field(default_factory=dict)
 
     def bound_in(self, frame: Frame) -> float:
-        """95 % of the posterior keep it in this frame, mm; worked out once."""
+        """Bound in this frame, mm, which 95 % of the posterior keep; worked out once."""
         if frame not in self._bounds_mm:
             errors = self.posterior.for_bounds.tool_errors[frame]
             self._bounds_mm[frame] = math.hypot(errors.bound_mm(self.values), self.beside_mm)

@@ -92,7 +92,9 @@ def test_a_simulated_session_is_planned_for_and_diagnosed() -> None:
 def test_a_result_at_a_prompt_is_no_book_of_arrays() -> None:
     """Before: 28 MB of a diagnosis."""
     assert len(repr(glidecal.solve(SESSION))) < 200_000
-    assert len(repr(glidecal.diagnose(SESSION))) < 200_000
+    diagnosed = glidecal.diagnose(SESSION)
+    assert len(repr(diagnosed)) < 200_000
+    assert len(repr(diagnosed.tool)) < 4_000
 
 
 def test_what_is_doubtful_is_a_warning_and_what_is_wrong_an_error(tmp_path: Path) -> None:

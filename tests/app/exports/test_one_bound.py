@@ -52,7 +52,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def solved(folder: Path) -> SessionSolution:
+def result(folder: Path) -> SessionSolution:
     return solve_files([folder / "s.jsonl"], model=folder / "m.json")
 
 

@@ -36,6 +36,15 @@ class ChartPlot(PlotextPlot):
         self._drawn = None
         self.refresh()
 
+    def _register_theme(self, app_theme_name: str) -> None:
+        """Give the library the colours of the present theme.
+
+        It keeps what a name had first, for good: those of the theme before where a plot comes
+        between a change of the theme and that of the style sheet.
+        """
+        self.app.get_css_variables()
+        super()._register_theme(self.app.theme)
+
     def show(self, chart: Chart) -> None:
         if chart != self.chart:
             self.chart = chart

@@ -86,6 +86,23 @@ async def test_every_series_is_legible_on_every_theme(theme: str) -> None:
             assert contrast(rgb(style.color), surface) >= LEAST_CONTRAST, marker
 
 
+async def test_a_chart_that_comes_before_the_style_sheet_has_the_colours_of_its_theme() -> None:
+    """Before: those of the dark theme for good, in every later chart of the process."""
+    app = OneChart(CHART)
+    async with app.run_test(size=(80, 24)) as pilot:
+        dark_variables = app.theme_variables
+        app.register_theme(replace(BUILTIN_THEMES["textual-light"], name="only-here"))
+        await app.query_one(ChartPlot).remove()
+        app.theme = "only-here"
+        await pilot.pause()
+        app.theme_variables = dark_variables  # as they are until the style sheet follows
+        await app.mount(ChartPlot(CHART))
+        await pilot.pause()
+        surface = Color.parse(app.theme_variables["surface"]).rgb
+        assert surface != Color.parse(dark_variables["surface"]).rgb
+        assert rgb(style_of(app, MARKERS[0]).bgcolor) == surface
+
+
 @pytest.mark.parametrize("theme", ["ansi-dark", "ansi-light"])
 async def test_colours_that_the_terminal_chooses_are_left_to_it(theme: str) -> None:
     app = OneChart(CHART)

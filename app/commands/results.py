@@ -321,9 +321,9 @@ def history(
 
     from app.evaluating.history import read_history
 
-    ways = {"--screen": screen, "--output": output is not None, "--json": as_json}
-    if len(asked := [name for name, given in ways.items() if given]) > 1:
-        raise UsageError(" and ".join(asked), "more than one", "one of them")
+    forms = {"--screen": screen, "--output": output is not None, "--json": as_json}
+    if len(options := [name for name, is_present in forms.items() if is_present]) > 1:
+        raise UsageError(" and ".join(options), "more than one", "one of them")
     if output is not None:
         force = may_deliver(output, force=force)
     # a server ends this process by force, and no other one that it began

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from rich.table import Table
 
@@ -132,7 +131,7 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
                 *_set_ups(result.sessions[0]),
             ],
         ),
-        _controller(result, calibration.judged_words if verified else "", calibration.model),
+        _controller(calibration),
         *([_view(result), _budget(result)] if has_view else [Section(VIEW, view_parts(result))]),
         *([_again(verified)] if verified else []),
         *([Section("What limits this result", limits)] if limits else []),
@@ -222,16 +221,16 @@ def _set_ups(session: Session) -> list[Picture]:
     return [Picture(drawings_svg(drawings), caption)] if drawings else []
 
 
-def _controller(result: SessionSolution, judged: str, model: Path | None) -> Section:
+def _controller(calibration: CertifiedCalibration) -> Section:
     """What is to be entered and what the tool keeps then, with remedies of a model.
 
-    ``judged`` is the decision before, empty where the values were not entered since.
+    The decision before heads it where the values were entered since.
     """
+    result, model = calibration.result, calibration.model
+    entered = calibration.verification is not None
     machine, correction = result.sessions[0].opened.machine, result.correction
-    head = [judged, DECISION_RULE]
-    bound = bound_table(
-        correction.frame, correction.off_now, result.entered.off, entered=bool(judged)
-    )
+    head = [calibration.judged_words if entered else "", DECISION_RULE]
+    bound = bound_table(correction.frame, correction.off_now, result.entered.off, entered=entered)
     effects = read_model_file(model).effects if model else ()
     remedies = [effect_words(effect, machine) for effect in effects]
     if change := result.printer_change:
@@ -250,7 +249,7 @@ def _controller(result: SessionSolution, judged: str, model: Path | None) -> Sec
             *warning_lines(result, correction),
             _offsets(result, machine),
             bound,
-            _vectors(result, before_or_now(bool(judged))),
+            _vectors(result, before_or_now(entered)),
             "" if result.reads_tool else UNSEEN,
             gains_table(result),
             *left_out_lines(correction.left_out),

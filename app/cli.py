@@ -54,8 +54,8 @@ cli = typer.Typer(
 )
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(version_asked: bool) -> None:
+    if version_asked:
         typer.echo(program())
         raise typer.Exit
 

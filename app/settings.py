@@ -43,15 +43,15 @@ class Settings(Document):
 
     @field_validator("keys", mode="before")
     @classmethod
-    def _ids(cls, given: object) -> object:
+    def _ids(cls, value: object) -> object:
         """``measure.take = "x"`` without quotes is a table inside the table in TOML."""
-        return dict(_flat(given)) if isinstance(given, dict) else given
+        return dict(_flat(value)) if isinstance(value, dict) else value
 
 
-def _flat(table: dict[str, Any], before: str = "") -> list[tuple[str, object]]:
+def _flat(table: dict[str, Any], prefix: str = "") -> list[tuple[str, object]]:
     pairs: list[tuple[str, object]] = []
     for name, value in table.items():
-        full = before + name
+        full = prefix + name
         pairs += _flat(value, full + ".") if isinstance(value, dict) else [(full, value)]
     return pairs
 
@@ -160,8 +160,8 @@ def check_keys(
             if not _is_key(key, names):
                 raise _fault(path, ("keys", key_id), f"key {key!r}", KEYS_ALLOWED)
     for place in places:
-        for key_id, key, beside in _clashes(settings.keys, place):
-            problem = f"{key!r}, which is {beside} too"
+        for key_id, key, other_id in _clashes(settings.keys, place):
+            problem = f"{key!r}, which is {other_id} too"
             raise _fault(path, ("keys", key_id), problem, "a key of its own")
 
 

@@ -59,15 +59,17 @@ def with_tables(page: str, tables: Sequence[Table]) -> tuple[str, list[str]]:
     """
     new = {cells(table[0])[0]: table for table in tables}
     lines, place = page.splitlines(), 0
-    written: list[str] = []
+    page_lines: list[str] = []
     met: set[str] = set()
     for old in tables_of(lines):
         start = lines.index(old[0], place)
         heading = cells(old[0])[0]
-        written += lines[place:start] + new.get(heading, old)
+        page_lines += lines[place:start] + new.get(heading, old)
         met.add(heading)
         place = start + len(old)
-    return "\n".join([*written, *lines[place:]]) + "\n", [name for name in new if name not in met]
+    return "\n".join([*page_lines, *lines[place:]]) + "\n", [
+        name for name in new if name not in met
+    ]
 
 
 def with_versions(page: str, versions: str) -> str:
@@ -174,11 +176,11 @@ def svg(drawn: Drawn, table: Sequence[str]) -> str:
 def write_pictures(tables: Sequence[Sequence[str]], folder: Path) -> list[Path]:
     """One SVG for each table that is to be drawn."""
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
+    page_lines = []
     for drawn in DRAWN:
         for table in tables:
             if cells(table[0])[0].startswith(drawn.table):
                 path = folder / f"{drawn.picture}.svg"
                 path.write_text(svg(drawn, table), encoding="utf-8", newline="\n")
-                written.append(path)
-    return written
+                page_lines.append(path)
+    return page_lines

@@ -31,7 +31,10 @@ WORDS = (
     "something nothing everything gone came brought took gave stood answered offered proposed "
     "picked solved observed visited"
 )
-NO_NOUNS = frozenset(WORDS.split())
+PLAIN = "of many words allowed there thing meant stated drawn beside before after"
+"""What a test may say, which compares the words and the state before and after."""
+
+NO_NOUNS = frozenset([*WORDS.split(), *PLAIN.split()])
 """Participles and pronouns, which say nothing of what a value is."""
 
 SESSION = ROOT / "sample_sessions" / "simulated_two-station.jsonl"

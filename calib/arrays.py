@@ -410,8 +410,8 @@ def set_up_unknowns(conditions: Conditions) -> int:
     columns = tilts(conditions)
     if not columns.size:
         return conditions.mount_count
-    beside = without_means(conditions.mount, np.ones(len(conditions)), columns)
-    return conditions.mount_count + int(basis_of(beside, DEPENDENT).shape[1])
+    columns_beside = without_means(conditions.mount, np.ones(len(conditions)), columns)
+    return conditions.mount_count + int(basis_of(columns_beside, DEPENDENT).shape[1])
 
 
 One = TypeVar("One")

@@ -68,9 +68,9 @@ def control_chart(
     phase_number = np.cumsum(begins)
     first = 0
     for k in range(1, len(values)):
-        before = slice(first, k)
-        mean = float(values[before].mean())
-        mean_u = float(np.sqrt((expanded[before] ** 2).sum()) / (k - first))
+        earlier = slice(first, k)
+        mean = float(values[earlier].mean())
+        mean_u = float(np.sqrt((expanded[earlier] ** 2).sum()) / (k - first))
         scatter = _scatter(
             values[phase_number == phase_number[k]],
             k - int(np.argmax(phase_number == phase_number[k])),

@@ -98,10 +98,10 @@ class UsageError(GlidecalError):
     """A name or option that does not exist or does not fit."""
 
 
-def check_choice(option: str, word: str | None, words: object) -> None:
+def check_choice(option: str, word: str | None, choices: object) -> None:
     """Raises UsageError for a word that is none of a Literal."""
-    if word is not None and word not in get_args(words):
-        raise UsageError(option, repr(word), ", ".join(get_args(words)))
+    if word is not None and word not in get_args(choices):
+        raise UsageError(option, repr(word), ", ".join(get_args(choices)))
 
 
 def check_number(
@@ -115,9 +115,9 @@ def check_number(
     is_number = isinstance(value, kind) and not isinstance(value, bool)
     if not is_number or not least <= value <= most:  # type: ignore[operator]  # nor NaN
         kind_words = "a whole number" if kind is Integral else "a number"
-        words = allowed or f"{kind_words} from {least:g} to {most:g} {unit}".rstrip()
+        text = allowed or f"{kind_words} from {least:g} to {most:g} {unit}".rstrip()
         value_words = f"{value:g} {unit}".rstrip() if isinstance(value, float) else f"{value!r}"
-        raise UsageError(thing, value_words, words)
+        raise UsageError(thing, value_words, text)
 
 
 class IndicatorError(GlidecalError):

@@ -64,8 +64,8 @@ class Quantity:
         self, schema: object, handler: Callable[[object], dict[str, object]]
     ) -> dict[str, object]:
         """The schema of the field with these words."""
-        words = {"description": self.words} if self.words else {}
-        return handler(schema) | words
+        description = {"description": self.words} if self.words else {}
+        return handler(schema) | description
 
 
 INTERNAL = {"exclude": True}

@@ -216,7 +216,7 @@ def report(
         source_of_legs,
         [_path("session", path) for path in sessions],
         model=_path("model", model) if model else None,
-        after=_path("session after", after) if after else None,
+        later_path=_path("session after", after) if after else None,
         tolerance_mm=tolerance_mm,
         head=head,
     )

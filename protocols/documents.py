@@ -292,9 +292,9 @@ def fault_words(fault: ErrorDetails) -> str:
     context = fault.get("ctx", {})
     if fault["type"] == "value_error":
         return str(context["error"])
-    words = {key: f"{v:g}" if isinstance(v, float) else f"{v}" for key, v in context.items()}
+    values = {key: f"{v:g}" if isinstance(v, float) else f"{v}" for key, v in context.items()}
     allowed = ALLOWED.get(fault["type"])
-    return fault["msg"][:120] if allowed is None else allowed.format(**words)
+    return fault["msg"][:120] if allowed is None else allowed.format(**values)
 
 
 STRING = r'"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\''

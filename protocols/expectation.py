@@ -218,8 +218,8 @@ def _correlated(
     sides = approaches(session)[-MOST_READINGS:]
     last = {r.mount: (r, side) for r, side in zip(readings, sides, strict=True)}
     for mount in mounts:  # what does not move stays as it came
-        before, side = last[mount]
-        way_mm = step.displacement_mm - before.displacement_mm if step else 0.0
+        previous, side = last[mount]
+        way_mm = step.displacement_mm - previous.displacement_mm if step else 0.0
         sides.append(math.copysign(1.0, way_mm) if way_mm else side)
     return CorrelatedReadings.of(
         machine.geometry(),

@@ -443,8 +443,8 @@ class HexaSlideMeasurements(Document):
     def as_procedure(self) -> Procedure:
         """The procedure with what it measures. Raises CalibrationError."""
         fixed = self.procedure is ProcedureKind.POSE_INVERSE
-        stated = Procedure.of(self.procedure.value, () if fixed else self.measured)
-        return stated.on(self.machine.whole())
+        procedure = Procedure.of(self.procedure.value, () if fixed else self.measured)
+        return procedure.on(self.machine.whole())
 
     def readings(self) -> Readings:
         """The measurements as arrays, metres and radians."""

@@ -107,8 +107,10 @@ class PostureProcedure(Document):
         length_mm = self.noise_mm if noise_mm is None else noise_mm
         angle_deg = self.noise_deg if noise_deg is None else noise_deg
         if (length_mm == 0.0) != (angle_deg == 0.0):
-            stated = f"{length_mm:g} mm and {angle_deg:g}°"
-            raise UsageError("--noise-mm and --noise-deg", stated, "both 0 (not known), or neither")
+            noise_words = f"{length_mm:g} mm and {angle_deg:g}°"
+            raise UsageError(
+                "--noise-mm and --noise-deg", noise_words, "both 0 (not known), or neither"
+            )
         return self.model_copy(update={"noise_mm": length_mm, "noise_deg": angle_deg})
 
 
@@ -178,16 +180,16 @@ def typed_values(text: str, procedure: Procedure) -> tuple[SixMm | None, Values]
     """
     sliders = CHAINS if procedure.has_rigid_link else 0
     names = [*(f"slider {k}" for k in range(1, sliders + 1)), *procedure.measured]
-    words = text.split()
+    fields = text.split()
     units = "mm, angles in degrees" if set(procedure.measured) & set(ANGLES) else "mm"
     allowed = f"{len(names)} numbers: {', '.join(names)}, in {units}"
-    faults = [word for word in words if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]
+    faults = [word for word in fields if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]
     if faults:
         hint = "Write decimals with a point, spaces between." if "," in faults[0] else ""
         raise UsageError("the input", repr(faults[0]), allowed, hint)
-    if len(words) != len(names):
-        raise UsageError("the input", f"{len(words)} numbers", allowed)
-    numbers = tuple(float(word) for word in words)
+    if len(fields) != len(names):
+        raise UsageError("the input", f"{len(fields)} numbers", allowed)
+    numbers = tuple(float(word) for word in fields)
     return (cast("SixMm", numbers[:CHAINS]) if sliders else None), numbers[sliders:]
 
 
@@ -198,13 +200,13 @@ LARGEST = 1e5
 """Of a value that is typed, mm or degrees."""
 
 
-def simulated_truth(before: PostureSession) -> HexaSlideMachine:
+def simulated_truth(session: PostureSession) -> HexaSlideMachine:
     """The machine behind a simulated session. Raises UsageError for one that was measured."""
-    opened = before.opened
+    opened = session.opened
     if opened.truth is not None:
         return opened.truth
     if opened.seed is None:
-        raise UsageError(f"session {before.name}", opened.origin, "a simulated one")
+        raise UsageError(f"session {session.name}", opened.origin, "a simulated one")
     planned = commands(opened.machine, opened.procedure)
     true = SimulatedPostures(opened.machine, planned, opened.seed).truth
     nominal = opened.machine
@@ -226,8 +228,10 @@ class SimulatedPostures:
         true = None if truth is None else truth.whole()
         self._machine = SimulatedHexaSlide(procedure, machine.whole(), tolerances, seed, true)
         self._planned = planned
-        stated = planned.procedure
-        self._noise = np.array([stated.noise_mm / 1000.0, np.radians(stated.noise_deg)])
+        procedure_of_links = planned.procedure
+        self._noise = np.array(
+            [procedure_of_links.noise_mm / 1000.0, np.radians(procedure_of_links.noise_deg)]
+        )
 
     @property
     def truth(self) -> HexaSlide:

@@ -44,7 +44,7 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         before, after = demonstration(folder)
-        source = partial(source_of_legs, [before], after=after, tolerance_mm=0.25)
+        source = partial(source_of_legs, [before], later_path=after, tolerance_mm=0.25)
         page = write_report(source, folder / "demo.html")
         photograph(page, "report_demo")
         published = ROOT / "sample_sessions" / "experiment_2_twelve.jsonl"

@@ -64,10 +64,10 @@ def demo(
         from app.screens.interface import open_screen, screen_of
 
         raise typer.Exit(open_screen(screen_of("check.CheckScreen", plan), LOOKS))
-    before, after = run_headless(plan)
-    typer.echo(solution_text(before))
+    first, second = run_headless(plan)
+    typer.echo(solution_text(first))
     typer.echo("\nAfter the joint offsets were entered in the controller:\n")
-    typer.echo(comparison_text(before.solution, after.solution))
+    typer.echo(comparison_text(first.solution, second.solution))
     if controller is not None:  # the whole loop: what the first session shows is named, too
         from app.evaluating.diagnosis import diagnose_files
         from app.report.text.diagnosis import headline
@@ -83,19 +83,19 @@ def run_headless(plan: Plan) -> tuple[SessionSolution, SessionSolution]:
     from app.exports import export_offsets
     from app.measuring.plan import verification_plan
 
-    before = _measured(plan)
+    first = _measured(plan)
     folder = plan.path.with_suffix("")
-    for path in export_offsets(before, folder):
+    for path in export_offsets(first, folder):
         say(f"exported: {path}")
-    after = _measured(verification_plan(plan, before))
-    if not after.solution.rms_before_mm < before.solution.rms_before_mm:
+    second = _measured(verification_plan(plan, first))
+    if not second.solution.rms_before_mm < first.solution.rms_before_mm:
         raise CalibrationError(
             "verification",
-            f"{after.solution.rms_before_mm:.3f} mm r.m.s. after calibration",
-            f"less than the {before.solution.rms_before_mm:.3f} mm before it",
+            f"{second.solution.rms_before_mm:.3f} mm r.m.s. after calibration",
+            f"less than the {first.solution.rms_before_mm:.3f} mm before it",
             "Look at both sessions with glidecal solve.",
         )
-    return before, after
+    return first, second
 
 
 def _measured(plan: Plan) -> SessionSolution:

@@ -109,7 +109,7 @@ def diagnose(
         say(f"next measurement: glidecal run --protocol {next_procedure}")
     adopted = None
     if adopt:
-        evaluated.adopt(diagnosed, adopt, known=model, candidate=candidate, replace=may)
+        evaluated.adopt(diagnosed, adopt, known_model=model, candidate=candidate, replace=may)
         say(f"model written: {adopt}")
         adopted = diagnosed.adopted_tool(candidate)
         if evaluated.left_behind(diagnosed, candidate):
@@ -178,10 +178,10 @@ def model(
     if remove and not why:
         raise UsageError("--remove", "no reason", "--why with the reason, for the history")
     if (verbs := family_of_model(path).sessions) is not None:
-        words, text = verbs.modelled(path, remove or "", why)
+        model_lines, text = verbs.modelled(path, remove or "", why)
         if remove:
             say(f"{remove} removed from {path}")
-        typer.echo(text if as_json else words)
+        typer.echo(text if as_json else model_lines)
         return
     from app.evaluating.diagnosis import remove as take_out
     from app.report.text.model import model_text

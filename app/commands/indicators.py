@@ -146,7 +146,7 @@ def simulate_indicator(
     profile_known = profile_named(profile)
     names = faults_of(profile_known)
     if fault == "list":
-        typer.echo("\n".join(f"{name:<16}{words}" for name, words in names.items()))
+        typer.echo("\n".join(f"{name:<16}{description}" for name, description in names.items()))
         return
     if fault is not None and fault not in names:
         raise UsageError("--fault", repr(fault), ", ".join(names))

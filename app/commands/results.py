@@ -209,9 +209,9 @@ def export(
         _export_of_machine(verbs, context, source, output, force=force)
         return
     if table or format_name in ("xlsx", "parquet"):
-        beside: dict[str, object] = {"--home-offset": home_offset, "--endstops": endstops}
-        beside |= {"--steps": steps, "--ini": ini}
-        _refuse_beside_table(table or "readings", format_name, {**beside, "--frame": frame})
+        joint_options: dict[str, object] = {"--home-offset": home_offset, "--endstops": endstops}
+        joint_options |= {"--steps": steps, "--ini": ini}
+        _refuse_beside_table(table or "readings", format_name, {**joint_options, "--frame": frame})
         force = may_deliver(output, force=force, several=format_name != "csv")
         source = _only(sources, "a table")
         data_table = _table(source, table or "readings", subset, method, model)
@@ -260,11 +260,11 @@ def _check_joints(
 ) -> None:
     """Raises UsageError for what the joints hold, where it is said twice or for no format."""
     present = {"--home-offset": home_offset, "--endstops": endstops, "--ini": ini}
-    stated = [option for option, value in present.items() if value is not None]
-    if len(stated) > 1:
+    entries = [option for option, value in present.items() if value is not None]
+    if len(entries) > 1:
         raise UsageError("--home-offset, --endstops and --ini", "more than one", "one of them")
-    if stated and format_name in ("json", "csv", "model"):
-        raise UsageError(stated[0], f"--format {format_name}", "a format of a controller")
+    if entries and format_name in ("json", "csv", "model"):
+        raise UsageError(entries[0], f"--format {format_name}", "a format of a controller")
     if ini and format_name in (*OF_FIRMWARE, "p-3z"):
         raise UsageError("--ini", f"--format {format_name}", "a LinuxCNC format, or --endstops")
     if steps is not None and format_name not in OF_FIRMWARE:
@@ -437,7 +437,7 @@ def report(
 
         key = read_key(sign, _key_password)
     source: Callable[[], ReportSource] = partial(
-        source_of_legs, sessions, model=model, after=after, tolerance_mm=tolerance, head=head
+        source_of_legs, sessions, model=model, later_path=after, tolerance_mm=tolerance, head=head
     )
     if verbs is not None:
         source = partial(verbs.reported, sessions[0], after, tolerance, head)

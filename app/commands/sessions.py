@@ -191,11 +191,11 @@ def import_files(
                     "--machine-file-out", f"{path}, which is read", "another file, FILE.toml"
                 )
     may = may_replace(force, machine_file_out)
-    stated = StatedFigures(resolution, repeatability, remarks)
+    figures = StatedFigures(resolution, repeatability, remarks)
     opened, events, machine_file, notes = _read_from(
         source,
         machine,
-        stated,
+        figures,
         distances,
         distance_deviation,
         geometry_alone=machine_file_out is not None,
@@ -217,11 +217,11 @@ def import_files(
     if machine_file_out is not None and machine_file is not None:
         write_files(machine_file_out, {"": machine_file}, replace=may)
         say(f"written: {machine_file_out}")
-    for words in [
+    for text in [
         *(f"glidecal: {note}" for note in notes),
         *_written_words(session, source[0], output, machine_file_out),
     ]:
-        say(words)
+        say(text)
 
 
 def _written_words(
@@ -236,10 +236,10 @@ def _written_words(
     elif output is not None:
         word = "contacts" if session.of_contacts else "readings"
         yield from (f"glidecal: {caution}" for caution in _cautions(session, word))
-        words = counted(len(session.all_readings), word.removesuffix("s"))
+        text = counted(len(session.all_readings), word.removesuffix("s"))
         if session.distances:
-            words += f" and {counted(len(session.distances), 'distance')} between marks"
-        yield f"{words} written to {output}"
+            text += f" and {counted(len(session.distances), 'distance')} between marks"
+        yield f"{text} written to {output}"
 
 
 def _check_postures(context: typer.Context, name: str, source: list[Path]) -> None:
@@ -279,7 +279,7 @@ class StatedFigures:
 def _read_from(
     source: list[Path],
     machine: str | None,
-    stated: StatedFigures,
+    figures: StatedFigures,
     distances: Path | None,
     deviation_mm: float | None,
     *,
@@ -292,32 +292,34 @@ def _read_from(
     from protocols.printers.imported import are_of_printer, imported_printer
     from protocols.table import opened_table
 
-    beside = distances_of_table(distances) if distances else ()
+    measured_distances = distances_of_table(distances) if distances else ()
     if are_of_printer(source):
         printer = imported_printer(
             source,
             program(),
             machine=load_machine(machine) if machine else None,
-            resolution_mm=stated.resolution_mm,
-            repeatability_mm=stated.repeatability_mm,
-            remarks=stated.remarks,
+            resolution_mm=figures.resolution_mm,
+            repeatability_mm=figures.repeatability_mm,
+            remarks=figures.remarks,
             geometry_alone=geometry_alone,
         )
         remarks = [f"not used: {odd}" for odd in printer.oddities]
         measured = checked(
-            (*printer.distances, *beside), printer.opened.machine.geometry(), deviation_mm
+            (*printer.distances, *measured_distances),
+            printer.opened.machine.geometry(),
+            deviation_mm,
         )
         return printer.opened, (*printer.contacts, *measured), printer.machine_file, remarks
     opened, events, unknown = opened_table(
         source[0],
         load_machine(machine),
         program(),
-        resolution_mm=stated.resolution_mm,
-        repeatability_mm=stated.repeatability_mm,
-        remarks=stated.remarks,
+        resolution_mm=figures.resolution_mm,
+        repeatability_mm=figures.repeatability_mm,
+        remarks=figures.remarks,
     )
     remarks = [f"columns kept but not used: {', '.join(unknown)}"] if unknown else []
-    measured = checked(beside, opened.machine.geometry(), deviation_mm)
+    measured = checked(measured_distances, opened.machine.geometry(), deviation_mm)
     return opened, (*events, *measured), None, remarks
 
 

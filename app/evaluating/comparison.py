@@ -37,12 +37,12 @@ class BothValues:
     ]
 
 
-def both_values(before: Solution, after: Solution) -> dict[str, BothValues]:
+def both_values(earlier: Solution, later: Solution) -> dict[str, BothValues]:
     """The differences of the papers, by name."""
-    later = after.tabulated
+    differences = later.tabulated
     return {
-        name: BothValues(difference.value, later[name].value if name in later else None)
-        for name, difference in before.tabulated.items()
+        name: BothValues(difference.value, differences[name].value if name in differences else None)
+        for name, difference in earlier.tabulated.items()
     }
 
 
@@ -82,27 +82,27 @@ IN_FIRMWARE = (
 
 
 def compare_files(
-    before: Path, after: Path, *, result: SessionSolution | None = None
+    earlier_path: Path, later_path: Path, *, result: SessionSolution | None = None
 ) -> Comparison:
     """Solve both sessions and lay them side by side; ``result`` is the first solved with others.
 
     Raises RecordError for files that cannot be used or are the same session, CalibrationError for
     sessions with nothing in common.
     """
-    earlier, later = read_record(before), read_record(after)
-    refuse_twice([(before, earlier.session), (after, later.session)])
+    earlier, later = read_record(earlier_path), read_record(later_path)
+    refuse_twice([(earlier_path, earlier.session), (later_path, later.session)])
     machine, later_machine = earlier.opened.machine, later.opened.machine
     numbers = [machine.serial_number, later_machine.serial_number]
     if all(numbers) and numbers[0] != numbers[1]:
         raise CalibrationError(
-            f"sessions {before} and {after}",
+            f"sessions {earlier_path} and {later_path}",
             f"serial numbers of two machines, {numbers[0]} and {numbers[1]}",
             "two sessions of one machine",
         )
     # entered offsets may differ, that is what is compared; the geometry may where firmware holds it
     if machine.geometry() != later_machine.geometry() and not _one_printer(machine, later_machine):
         raise CalibrationError(
-            f"sessions {before} and {after}",
+            f"sessions {earlier_path} and {later_path}",
             f"machines of different geometry, {machine.name} and {later_machine.name}",
             "two sessions of one machine",
         )
@@ -111,7 +111,7 @@ def compare_files(
     measured, again = (result.solution.tabulated.keys() for result in (first, second))
     if not measured & again:
         raise CalibrationError(
-            f"sessions {before} and {after}",
+            f"sessions {earlier_path} and {later_path}",
             "no difference that both measured",
             "two sessions with the same postures",
             "Measure both with the same procedure.",
@@ -160,8 +160,8 @@ def _order_remarks(earlier: Record, later: Record) -> list[str]:
 
 def partner_of(path: Path, verifies: str | None) -> Path | None:
     """The session that another one verifies, where its file is still beside it."""
-    beside = path.with_name(Path(verifies).name) if verifies else None
-    return beside if beside is not None and beside.is_file() else None
+    partner = path.with_name(Path(verifies).name) if verifies else None
+    return partner if partner is not None and partner.is_file() else None
 
 
 def reported_pair(path: Path) -> tuple[Path, Path | None]:
@@ -171,10 +171,10 @@ def reported_pair(path: Path) -> tuple[Path, Path | None]:
     for a file that cannot be used.
     """
     session = read_record(path).session
-    before = partner_of(path, session.opened.verifies)
-    if before is None or read_record(before).session.adjusted != session.adjusted:
+    earlier_path = partner_of(path, session.opened.verifies)
+    if earlier_path is None or read_record(earlier_path).session.adjusted != session.adjusted:
         return path, None
-    return before, path
+    return earlier_path, path
 
 
 Entered = Literal["as expected", "not shown", "not entered", "wrong sign", "something else"]
@@ -248,8 +248,8 @@ class Verification:
 
 
 def verify_files(
-    before: Path,
-    after: Path,
+    earlier_path: Path,
+    later_path: Path,
     tolerance_mm: float | None = None,
     *,
     result: SessionSolution | None = None,
@@ -261,15 +261,17 @@ def verify_files(
     Raises as `compare_files`, and UsageError for a tolerance that is no positive length.
     """
     check_tolerance(tolerance_mm)
-    compared = compare_files(before, after, result=result)
+    compared = compare_files(earlier_path, later_path, result=result)
     if compared.changed:
-        raise changed_between(f"sessions {before} and {after}", "solve")
+        raise changed_between(f"sessions {earlier_path} and {later_path}", "solve")
     earlier, later = compared.before, compared.after
     common = later.sessions[0].opened.machine.set_at_zero or False
     if common:
         compared = replace(compared, remarks=(*compared.remarks, LESS_COMMON))
-    stated = (result.sessions[-1].opened.machine.tool_tolerance_mm for result in (later, earlier))
-    tolerance = tolerance_mm or next(filter(None, stated), None)
+    tolerances_mm = (
+        result.sessions[-1].opened.machine.tool_tolerance_mm for result in (later, earlier)
+    )
+    tolerance = tolerance_mm or next(filter(None, tolerances_mm), None)
     decision = None
     if tolerance:
         decision = decided_in(later.corrections.off_now, later.frame, tolerance)
@@ -301,10 +303,10 @@ def _record_remarks(compared: Comparison, offsets: Sequence[RemainingOffset]) ->
 
 
 def _remaining(
-    before: SessionSolution, after: SessionSolution, *, common: bool
+    earlier: SessionSolution, later: SessionSolution, *, common: bool
 ) -> tuple[RemainingOffset, ...]:
     """Joint offsets of both corrections; ``common`` is taken off where a plate does not show it."""
-    entered, remaining = (_offsets(result, common=common) for result in (before, after))
+    entered, remaining = (_offsets(result, common=common) for result in (earlier, later))
     offsets = []
     for name, (was, half, u), (now, half_now, u_now) in zip(
         PARAMETER_NAMES[:3], entered, remaining, strict=True

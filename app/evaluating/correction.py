@@ -243,11 +243,11 @@ class ControllerCorrections:
         homing does and what was entered tells.
         """
         changes = []
-        for number, (before, after) in enumerate(pairwise(self.cases), start=1):
-            if after.state is None or after.state != before.state:
+        for number, (earlier, later) in enumerate(pairwise(self.cases), start=1):
+            if later.state is None or later.state != earlier.state:
                 continue
             means, deviations = (part.tolist() for part in self.posterior.offset_change(number))
-            entered = zip(after.entered_mm, before.entered_mm, strict=True)
+            entered = zip(later.entered_mm, earlier.entered_mm, strict=True)
             for joint, mean, deviation, (now, then) in zip(
                 LEG_NAMES, means, deviations, entered, strict=True
             ):

@@ -325,7 +325,7 @@ def adopt(
     diagnosed: SessionDiagnosis,
     target: Path,
     *,
-    known: Path | None = None,
+    known_model: Path | None = None,
     candidate: str | None = None,
     held: EffectEntry | None = None,
     replace: bool = False,
@@ -341,7 +341,7 @@ def adopt(
     """
     items = _chosen(diagnosed, candidate)
     machine = diagnosed.sessions[-1].opened.machine
-    model = read_model_file(known) if known else model_file(diagnosed.model, machine)
+    model = read_model_file(known_model) if known_model else model_file(diagnosed.model, machine)
     source = Provenance(
         sessions=diagnosed.names,
         digests=tuple(session.digest for session in diagnosed.sessions),
@@ -363,7 +363,7 @@ def adopt(
             why = f"{why} {HELD}"
         model = with_effect(model, entry, why)
     model = _expected(model, diagnosed.sessions)
-    write_files(target, {"": model.text()}, replace=replace or target == known)
+    write_files(target, {"": model.text()}, replace=replace or target == known_model)
     return model
 
 
@@ -397,8 +397,8 @@ def _expected(model: ModelFile, sessions: Sequence[Session]) -> ModelFile:
     posterior = corrections.posterior
     model = with_expected(model, posterior.size_of, effects)
     if len({session.opened.machine.entered_offsets_mm for session in sessions}) > 1:
-        stated = {name: mm for name, mm in model.parameters_mm.items() if mm}
-        return model.model_copy(update={"parameters_mm": stated})
+        parameters_mm = {name: mm for name, mm in model.parameters_mm.items() if mm}
+        return model.model_copy(update={"parameters_mm": parameters_mm})
     values = zip(PARAMETER_NAMES, posterior.mean.tolist(), strict=False)  # the first of the field
     return model.model_copy(update={"parameters_mm": dict(values)})
 

@@ -96,35 +96,37 @@ def adopted(diagnosed: DiagnosedPostures, candidate: str | None) -> Adoption:
     source, nominal = diagnosed.source, diagnosed.source.machine.whole()
     models = models_without_mistakes(source, diagnosed.models)
     with_names = models.given(names)
-    before = correction_of(models, nominal)
-    if before is None or not with_names.entries:
+    nominal_correction = correction_of(models, nominal)
+    if nominal_correction is None or not with_names.entries:
         raise _refused(diagnosed, "the readings without the mistakes no longer show it")
     effects = (*models.resized(), *with_names.sizes_of(names))
-    beside = beside_effects(source, models.stated_readings, effects)
-    after = correction_of(beside, nominal)
-    if after is None:
+    adopted_models = beside_effects(source, models.stated_readings, effects)
+    correction = correction_of(adopted_models, nominal)
+    if correction is None:
         raise NotIdentifiable(
-            "--adopt", f"{beside.spare} readings beyond parameters and sizes", f"{FEWEST_SPARE}"
+            "--adopt",
+            f"{adopted_models.spare} readings beyond parameters and sizes",
+            f"{FEWEST_SPARE}",
         )
-    gap_after, p_after = beside.mean_square(beside.free)
+    gap_after, p_after = adopted_models.mean_square(adopted_models.free)
     return Adoption(
         effects=effects[len(models.adopted) :],
-        platform_before=before.platform,
-        platform=after.platform,
+        platform_before=nominal_correction.platform,
+        platform=correction.platform,
         gap_before=models.mean_square(models.free)[0],
         gap_after=gap_after,
         p_after=p_after,
         left_out=left_out_gap(with_names, names),
-        model=_model(diagnosed, beside, effects),
+        model=_model(diagnosed, adopted_models, effects),
     )
 
 
 def _model(
-    diagnosed: DiagnosedPostures, beside: WeighedCauses, effects: tuple[AdoptedEffect, ...]
+    diagnosed: DiagnosedPostures, adopted_models: WeighedCauses, effects: tuple[AdoptedEffect, ...]
 ) -> HexaSlideModel:
     """The known model, else a new one, with the parameters and sizes that were fitted."""
     source = diagnosed.source
-    machine = machine_like(source.machine, source.machine.name, beside.calibration.machine)
+    machine = machine_like(source.machine, source.machine.name, adopted_models.calibration.machine)
     model = (diagnosed.model or HexaSlideModel(machine=machine)).model_copy(
         update={"machine": machine}
     )
@@ -137,7 +139,7 @@ def _model(
     names = {(entry.id, entry.where) for entry in model.effects}
     why = f"{diagnosed.name}: {diagnosed.diagnosis.verdict}"
     for effect in effects:
-        entry = _entry(effect, beside, provenance)
+        entry = _entry(effect, adopted_models, provenance)
         if (effect.id, effect.where) not in names:
             model = with_effect(model, entry, why)
         elif not effect.held:

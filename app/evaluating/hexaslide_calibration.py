@@ -297,15 +297,15 @@ class VerifiedMachine:
 
 
 def sources_of_one_machine(
-    before: Path, after: Path
+    earlier_path: Path, later_path: Path
 ) -> tuple[HexaSlideMeasurements, HexaSlideMeasurements]:
     """What was read in two sessions.
 
     Raises RecordError for a file and for the same session twice, CalibrationError for sessions of
     different machines.
     """
-    sources = measured_in(before), measured_in(after)
-    subject = f"sessions {before} and {after}"
+    sources = measured_in(earlier_path), measured_in(later_path)
+    subject = f"sessions {earlier_path} and {later_path}"
     if sources[0].digest() == sources[1].digest():
         raise RecordError(subject, "the same postures", "two different sessions")
     names = [source.machine.title for source in sources]
@@ -317,7 +317,9 @@ def sources_of_one_machine(
     return sources
 
 
-def verify_sessions(before: Path, after: Path, tolerance_mm: float | None) -> VerifiedMachine:
+def verify_sessions(
+    earlier_path: Path, later_path: Path, tolerance_mm: float | None
+) -> VerifiedMachine:
     """The platform is off by what the second session finds, give or take its bound.
 
     The tolerance is the stated one, else that of the later machine file, else of the earlier.
@@ -326,22 +328,24 @@ def verify_sessions(before: Path, after: Path, tolerance_mm: float | None) -> Ve
     CalibrationError where a session gives no result.
     """
     check_tolerance(tolerance_mm)
-    pairs = zip((before, after), sources_of_one_machine(before, after), strict=True)
+    pairs = zip(
+        (earlier_path, later_path), sources_of_one_machine(earlier_path, later_path), strict=True
+    )
     earlier, later = (calibrated(path.name, source, 0.0) for path, source in pairs)
-    stated = (session.source.machine.platform_tolerance_mm for session in (later, earlier))
-    tolerance = tolerance_mm or next(filter(None, stated), None)
+    tolerances_mm = (session.source.machine.platform_tolerance_mm for session in (later, earlier))
+    tolerance = tolerance_mm or next(filter(None, tolerances_mm), None)
     decision = None if tolerance is None else decided(later, tolerance)
     is_same = earlier.source.machine == later.source.machine
-    remarks = tuple(_order_remarks(before, after))
+    remarks = tuple(_order_remarks(earlier_path, later_path))
     return VerifiedMachine(earlier, later, tolerance, decision, is_same, remarks)
 
 
-def _order_remarks(before: Path, after: Path) -> Iterator[str]:
+def _order_remarks(earlier_path: Path, later_path: Path) -> Iterator[str]:
     """Whether the later session was measured later, where both files tell."""
-    if not (is_record(before) and is_record(after)):
+    if not (is_record(earlier_path) and is_record(later_path)):
         return
     from protocols.hexaslide_session import read_postures  # as in `measured_in`
 
-    first, second = (read_postures(path)[0].opened for path in (before, after))
+    first, second = (read_postures(path)[0].opened for path in (earlier_path, later_path))
     if is_dated(first) and is_dated(second) and measured_at(second) < measured_at(first):
-        yield f"{after.name} is older than {before.name}: is the order right?"
+        yield f"{later_path.name} is older than {earlier_path.name}: is the order right?"

@@ -37,14 +37,14 @@ class ComparedSessions:
     apart: MachinesApart
 
 
-def compare_postures(before: Path, after: Path) -> ComparedSessions:
+def compare_postures(earlier_path: Path, later_path: Path) -> ComparedSessions:
     """Raises as `sources_of_one_machine`, CalibrationError where a session gives no result."""
-    sources = sources_of_one_machine(before, after)
+    sources = sources_of_one_machine(earlier_path, later_path)
     # a scale about another middle would be other parameters of the same machine
     middle = sum(source.readings().sliders.mean(axis=0) for source in sources) / len(sources)
     first, second = (
         _session(path.name, source, middle)
-        for path, source in zip((before, after), sources, strict=True)
+        for path, source in zip((earlier_path, later_path), sources, strict=True)
     )
     return ComparedSessions(
         first, second, apart(sources[0].machine.whole(), first.machine, second.machine)

@@ -146,11 +146,13 @@ class History:
         of_postures = tuple(past for past in pasts if isinstance(past, PostureHistory))
         return replace(self, machines=machines, of_postures=of_postures, problems=(), waiting=0)
 
-    def of_shown(self, shown: History | None) -> History:
-        """The machine that was ``shown``, with what is known of it by now; else the first one."""
-        before = [(past.machine, past.origin) for past in shown.all_machines] if shown else []
+    def of_shown(self, listing: History | None) -> History:
+        """The machine that the ``listing`` showed, as it is known by now; else the first one."""
+        past_machines = (
+            [(past.machine, past.origin) for past in listing.all_machines] if listing else []
+        )
         names = [(past.machine, past.origin) for past in self.all_machines]
-        return self.of_number(next((k for k, name in enumerate(names) if name in before), 0))
+        return self.of_number(next((k for k, name in enumerate(names) if name in past_machines), 0))
 
     def only(self, name: str) -> History:
         """The machines with this name, serial number or both, as `Machine.title` has them.
@@ -356,7 +358,7 @@ def _entry_of(path: Path, content: bytes, *, effects: bool) -> Entry:
     return Entry.model_validate(
         {
             **dict(entry),
-            "offsets_mm": tuple(before + remaining for before, remaining in totals),
+            "offsets_mm": tuple(offset_mm + remaining_mm for offset_mm, remaining_mm in totals),
             "expanded_mm": (x, y, z),
             "bound_before_mm": entered.now_mm,
             "bound_after_mm": entered.bound_mm,
@@ -396,9 +398,9 @@ FILE_CHANGED, ENTERED = "machine file changed", "offsets entered"
 MECHANICAL = "machine mechanically changed"
 
 
-def _event(before: Entry, after: Entry) -> str:
+def _event(earlier: Entry, later: Entry) -> str:
     """What the records say was changed between two sessions."""
-    machine, later_machine = before.machine, after.machine
+    machine, later_machine = earlier.machine, later.machine
     if machine.geometry() != later_machine.geometry():
         keys = [
             key
@@ -406,7 +408,7 @@ def _event(before: Entry, after: Entry) -> str:
             if getattr(machine, key) != getattr(later_machine, key)
         ]
         return f"{FILE_CHANGED}: {', '.join(keys)}"
-    if before.adjusted != after.adjusted:
+    if earlier.adjusted != later.adjusted:
         return MECHANICAL
     return ENTERED if machine.entered_offsets_mm != later_machine.entered_offsets_mm else ""
 

@@ -37,9 +37,9 @@ def refuse_twice(sessions: Sequence[tuple[object, Session]]) -> None:
         ]
         if table and session.opened.origin == "imported":
             contents.append((table, "the same readings twice"))
-        for content, words in contents:
+        for content, message in contents:
             if content in name_by_content:
-                see = f"{words}, see {name_by_content[content]}"
+                see = f"{message}, see {name_by_content[content]}"
                 raise RecordError(f"session {name}", see, "each once")
             name_by_content[content] = name
 

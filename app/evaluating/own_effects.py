@@ -91,10 +91,10 @@ def _words_of(problem: BaseException) -> str:
     where = f", line {line}" if isinstance(problem, SyntaxError) and line else ""
     name = type(problem).__name__
     try:
-        words = " ".join(str(problem).split())
+        text = " ".join(str(problem).split())
     except BaseException as worse:  # whose words are the file's code too
         return f"{name}, whose words raise {type(worse).__name__}"
-    return words if isinstance(problem, GlidecalError) else f"{name}: {words:.300}{where}"
+    return text if isinstance(problem, GlidecalError) else f"{name}: {text:.300}{where}"
 
 
 def _broken(source: str, fault: str, allowed: str = "") -> RecordError:

@@ -107,8 +107,8 @@ def posture_history(
     return PostureHistory(name, origin, in_turn(entries, _event))
 
 
-def _event(before: PostureEntry, after: PostureEntry) -> str:
+def _event(earlier: PostureEntry, later: PostureEntry) -> str:
     """What the machine files say was changed between two sessions."""
-    keys = [key for key, value in after.machine.items() if before.machine.get(key) != value]
+    keys = [key for key, value in later.machine.items() if earlier.machine.get(key) != value]
     keys = [key for key in keys if key not in ("name", "schema")]
     return f"machine file changed: {', '.join(keys)}" if keys else ""

@@ -212,10 +212,10 @@ def _uneven_mm(contacts: Sequence[Reading], best: TowerCorrection) -> ValueChang
     """Unevenness of the most contacts of one way of measuring: others have their own zeros."""
     if not contacts:
         return None
-    ((most, _),) = Counter(contact.mount for contact in contacts).most_common(1)
+    ((commonest, _),) = Counter(contact.mount for contact in contacts).most_common(1)
     alike = [
         (contact.position_mm, contact.value_mm)
         for contact in contacts
-        if contact.mount == most and contact.position_mm is not None
+        if contact.mount == commonest and contact.position_mm is not None
     ]
     return ValueChange(*best.values.uneven_mm(*zip(*alike, strict=True)))

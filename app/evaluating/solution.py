@@ -195,8 +195,8 @@ class SessionSolution(Tabled):
         Suspect readings and drift from cycle to cycle are those of all sessions together.
         """
         of_set = self._noise_of_sets
-        stated = self.corrections.noise or of_set
-        return replace(stated, outliers=of_set.outliers, cycle_drift_mm=of_set.cycle_drift_mm)
+        stated_noise = self.corrections.noise or of_set
+        return replace(stated_noise, outliers=of_set.outliers, cycle_drift_mm=of_set.cycle_drift_mm)
 
     @property
     def _noise_of_sets(self) -> Noise:
@@ -458,12 +458,12 @@ def solve_sessions(
     determine what was asked for, UsageError for a model of another machine and for a word that is
     none of those, RecordError as `refuse_leaning_planes`.
     """
-    for option, word, words in (
+    for option, word, choices in (
         ("subset", subset, Subset),
         ("method", method, Method),
         ("frame", frame, Frame),
     ):
-        check_choice(option, word, words)
+        check_choice(option, word, choices)
     if not sessions:
         raise NotIdentifiable("sessions", "none", "at least one session")
     observations = to_observations(sessions)

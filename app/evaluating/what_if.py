@@ -248,8 +248,8 @@ def what_if(
     """
     if not sessions:
         raise NotIdentifiable("sessions", "none", "at least one session")
-    beside = model or ModelFile(machine=sessions[0].opened.machine)
-    entries = [*beside.effects, *_of_the_catalogue(sessions)]
+    model_file = model or ModelFile(machine=sessions[0].opened.machine)
+    entries = [*model_file.effects, *_of_the_catalogue(sessions)]
     effect_id, _, where = f"{effect}".partition(":")
     of_it = [entry for entry in entries if entry.id == effect_id]
     fitting = [entry for entry in of_it if entry.where == where]
@@ -260,7 +260,7 @@ def what_if(
     if model_entry is None:
         numbers = " or ".join(sorted({str(len(entry.parameters)) for entry in fitting}))
         raise UsageError(f"values of {effect}", f"{len(values)}", numbers)
-    trial = trial_of(Choice(model_entry, "undiagnosed"), sessions, beside, subset)
+    trial = trial_of(Choice(model_entry, "undiagnosed"), sessions, model_file, subset)
     for parameter, value in zip(trial.parameters, values, strict=True):
         limit = min(parameter.limit, LARGEST_SIZE)
         least = max(-limit, parameter.least)
@@ -274,8 +274,10 @@ def _of_the_catalogue(sessions: Sequence[Session]) -> Iterator[EffectEntry]:
     """What these readings could show, parameters of the machine's geometry too, of size 0."""
     model, effects = Model(sessions[0].opened.machine.geometry()), known_effects()
     laws = {law.id: law for law in case_of(sessions[0], model).named_beyond}
-    beside = (law for name, law in laws.items() if name not in {effect.id for effect in effects})
-    for candidate in candidates(model, to_observations(sessions), (*effects, *beside)):
+    other_laws = (
+        law for name, law in laws.items() if name not in {effect.id for effect in effects}
+    )
+    for candidate in candidates(model, to_observations(sessions), (*effects, *other_laws)):
         yield _of_size_zero(candidate)
 
 
@@ -347,8 +349,8 @@ def trial_of(
     """The effect of this choice, to be moved beside the other effects of the model."""
     model_file = model or ModelFile(machine=sessions[0].opened.machine)
     other_effects = [entry for entry in model_file.effects if (entry.id, entry.where) != choice.key]
-    beside = model_file.model_copy(update={"effects": (*other_effects, *choice.beside)})
-    return Trial(tuple(sessions), beside, choice.entry, subset)
+    trial_model = model_file.model_copy(update={"effects": (*other_effects, *choice.beside)})
+    return Trial(tuple(sessions), trial_model, choice.entry, subset)
 
 
 def _of_the_diagnosis(diagnosis: Diagnosis) -> Iterator[Choice]:

@@ -176,25 +176,25 @@ def _with_includes(path: Path) -> Iterator[str]:
             yield line
 
 
-def _file_name(path: Path, words: str) -> str:
+def _file_name(path: Path, text: str) -> str:
     try:
-        name = " ".join(shlex.split(words, comments=True))
+        name = " ".join(shlex.split(text, comments=True))
     except ValueError as problem:
         raise RecordError(
-            f"INI file {path}, {INCLUDE}", repr(words), "the name of a file"
+            f"INI file {path}, {INCLUDE}", repr(text), "the name of a file"
         ) from problem
     return os.path.expandvars(Path(name).expanduser())
 
 
 def _joined(lines: Iterable[str]) -> Iterator[str]:
     """Lines that end with a backslash go on in the next one, and are nothing without one."""
-    before = ""
+    line_start = ""
     for line in lines:
         if line.endswith("\\"):
-            before += line[:-1]
+            line_start += line[:-1]
             continue
-        yield before + line
-        before = ""
+        yield line_start + line
+        line_start = ""
 
 
 def _bare(line: str) -> str:

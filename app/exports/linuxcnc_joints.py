@@ -175,24 +175,27 @@ def _of_switch(
         )
         return
     key, beyond = ("MAX_LIMIT", "above") if switch.side > 0 else ("MIN_LIMIT", "below")
-    before, after = switch.beyond_now_mm, switch.beyond_after_mm
-    if before is None or after is None:
+    beyond_now_mm, beyond_after_mm = switch.beyond_now_mm, switch.beyond_after_mm
+    if beyond_now_mm is None or beyond_after_mm is None:
         yield f"{name}: the home switch was not checked: the INI file states no {key}."
         return
     if switch.newly_inside:
         raise _reached(controller, drive_joint.joint, switch)
     at = f"{name}: after the change the home switch is at {switch.at_mm:z.3f} mm"
-    if before >= 0.0 and after >= 0.0:
-        yield f"{at}, {beyond} {key} by {before:.3f} mm now, by {after:.3f} mm after the change."
-    elif before < 0.0 and after < 0.0:
+    if beyond_now_mm >= 0.0 and beyond_after_mm >= 0.0:
+        yield (
+            f"{at}, {beyond} {key} by {beyond_now_mm:.3f} mm now, "
+            f"by {beyond_after_mm:.3f} mm after the change."
+        )
+    elif beyond_now_mm < 0.0 and beyond_after_mm < 0.0:
         yield (
             f"{at}. WARNING: it is inside the limits now and after the change: short of {key} "
-            f"by {-before:.3f} mm now, by {-after:.3f} mm after the change."
+            f"by {-beyond_now_mm:.3f} mm now, by {-beyond_after_mm:.3f} mm after the change."
         )
     else:
         yield (
-            f"{at}. It was short of {key} by {-before:.3f} mm, inside the limits; after the "
-            f"change it is {beyond} {key} by {after:.3f} mm."
+            f"{at}. It was short of {key} by {-beyond_now_mm:.3f} mm, inside the limits; after the "
+            f"change it is {beyond} {key} by {beyond_after_mm:.3f} mm."
         )
     if course.home_beyond_mm:
         yield (

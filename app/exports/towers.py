@@ -238,15 +238,15 @@ def p_3z(offsets: Offsets) -> Export:
     now, towers = values.now, values.towers
     rows: list[Sequence[str]] = [("parameter", "now", "value", "unit")]
 
-    def add(name: str, before: float, after: float) -> None:
-        rows.append((name, f"{before:z.6f}", f"{after:z.6f}", "mm"))
+    def add(name: str, present_mm: float, corrected_mm: float) -> None:
+        rows.append((name, f"{present_mm:z.6f}", f"{corrected_mm:z.6f}", "mm"))
 
     add("Arm length", float(now.length_mm[0]), float(towers.length_mm[0]))
     drives = [LEG_NAMES.index(name) for name in names]
     for axis, drive in enumerate(drives, start=1):
         for across, part in zip("XY", (0, 1), strict=True):
-            before, after = now.feet_mm[drive, part], towers.feet_mm[drive, part]
-            add(f"Rail {axis} {across}-position", float(before), float(after))
+            present_mm, corrected_mm = now.feet_mm[drive, part], towers.feet_mm[drive, part]
+            add(f"Rail {axis} {across}-position", float(present_mm), float(corrected_mm))
     add("TCP displacement", 0.0, 0.0)
     for axis, drive in enumerate(drives, start=1):
         change = float(values.change_mm[drive])

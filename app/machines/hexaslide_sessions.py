@@ -121,8 +121,8 @@ def imported(importing: Importing, options: ImportOptions, say: Say) -> None:
             measured_on=importing.measured_on,
         ),
     )
-    for words in odd:
-        say(f"glidecal: {words}")
+    for text in odd:
+        say(f"glidecal: {text}")
     say(f"{counted(len(session.readings), 'posture')} written to {output}")
 
 
@@ -255,8 +255,8 @@ def _answer(taking: PostureTaking, typed: str) -> bool:
     return True
 
 
-def _prompt(words: str) -> str:
-    answer: str = typer.prompt(words, default="", show_default=False, prompt_suffix=" > ", err=True)
+def _prompt(text: str) -> str:
+    answer: str = typer.prompt(text, default="", show_default=False, prompt_suffix=" > ", err=True)
     return answer.strip()
 
 
@@ -279,8 +279,8 @@ def tell_unfinished(*paths: Path) -> None:
         from protocols.hexaslide_session import read_postures  # as in `measured_in`
 
         for path in records:
-            if words := read_postures(path)[1].unfinished:
-                tell(f"glidecal: {words}")
+            if text := read_postures(path)[1].unfinished:
+                tell(f"glidecal: {text}")
 
 
 def validated(path: Path) -> str:
@@ -289,9 +289,9 @@ def validated(path: Path) -> str:
 
     session, record = read_postures(path)
     if record.unfinished:
-        words = record.unfinished.removeprefix(f"{path.name}: ")
+        text = record.unfinished.removeprefix(f"{path.name}: ")
         next_step = f"glidecal run --continue {path} goes on with it"
-        raise RecordError(f"session {path}", reason=words, next_step=next_step)
+        raise RecordError(f"session {path}", reason=text, next_step=next_step)
     return (
         f"{path}: unbroken and closed, {len(record.events)} lines, "
         f"{counted(len(session.all_readings), 'reading')}, {len(session.superseded)} superseded"
@@ -338,15 +338,17 @@ def exported(path: Path, format_name: str) -> tuple[Contents, tuple[str, ...]]:
     return files, (*cautions, kinematics_words(result.entered))
 
 
-def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Answer, str]:
+def verified(
+    earlier_path: Path, later_path: Path, tolerance_mm: float | None
+) -> tuple[Answer, str]:
     """Whether the platform is in tolerance with the calibrated machine, and that in a word."""
     from app.evaluating.hexaslide_calibration import verify_sessions
     from app.report.schema.hexaslide import HexaSlideVerificationReport
     from app.report.text.hexaslide_calibration import verification_text
 
     with working("Solving"):
-        verification = verify_sessions(before, after, tolerance_mm)
-    tell_unfinished(before, after)
+        verification = verify_sessions(earlier_path, later_path, tolerance_mm)
+    tell_unfinished(earlier_path, later_path)
     answer = Answer(
         lambda: verification_text(verification),
         lambda: HexaSlideVerificationReport.of(verification),
@@ -383,27 +385,27 @@ def modelled(path: Path, effect: str, why: str) -> tuple[str, str]:
     return model_text(model), model.text().rstrip("\n")
 
 
-def compared(before: Path, after: Path) -> Answer:
+def compared(earlier_path: Path, later_path: Path) -> Answer:
     """Whether the machine is the same in both sessions."""
     from app.evaluating.hexaslide_comparison import compare_postures
     from app.report.schema.hexaslide_comparison import HexaSlideComparisonReport
     from app.report.text.hexaslide_comparison import comparison_text
 
     with working("Solving"):
-        comparison = compare_postures(before, after)
-    tell_unfinished(before, after)
+        comparison = compare_postures(earlier_path, later_path)
+    tell_unfinished(earlier_path, later_path)
     return Answer(
         lambda: comparison_text(comparison), lambda: HexaSlideComparisonReport.of(comparison)
     )
 
 
 def reported(
-    path: Path, after: Path | None, tolerance_mm: float | None, head: CertificateHead | None
+    path: Path, later_path: Path | None, tolerance_mm: float | None, head: CertificateHead | None
 ) -> ReportSource:
     """The report to sign."""
     from app.report.pages.hexaslide import source_of_postures
 
-    return source_of_postures(path, after, tolerance_mm, head)
+    return source_of_postures(path, later_path, tolerance_mm, head)
 
 
 SESSIONS = SessionVerbs(

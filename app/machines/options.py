@@ -155,7 +155,7 @@ def deliver(output: Path, contents: Contents, *, force: bool) -> None:
 
 
 @contextmanager
-def working(words: str, parts_name: str = "") -> Iterator[None]:
+def working(text: str, parts_name: str = "") -> Iterator[None]:
     """Tells a terminal what is under way, for how long, and how far where that is known.
 
     How far is "412 of 1,000 sessions" where the parts have that name. Nothing may be said
@@ -172,7 +172,7 @@ def working(words: str, parts_name: str = "") -> Iterator[None]:
     columns = ("{task.description}", BarColumn(), "{task.fields[far]}", TimeElapsedColumn())
     # a bar needs the terminal's own codes, and shows no text of a file
     with Progress(*columns, console=Console(file=sys.__stderr__), transient=True) as bar:
-        task = bar.add_task(f"{words}, Ctrl-C stops", total=None, far="")
+        task = bar.add_task(f"{text}, Ctrl-C stops", total=None, far="")
 
         def show(count: float, parts: int) -> None:
             far = f"{count:,.0f} of {parts:,} {parts_name}" if parts_name else ""

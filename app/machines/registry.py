@@ -144,9 +144,9 @@ class CommandOfMachines(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 (typer's own)
         """Parse like any command; the help is then of the machine that is named."""
-        words = {word for part in args for word in (part, part.partition("=")[2])}
+        arguments = {word for part in args for word in (part, part.partition("=")[2])}
         named_family = next(
-            (family for family in FAMILIES if words.intersection(family.names)), None
+            (family for family in FAMILIES if arguments.intersection(family.names)), None
         )
         all_options = {name for family in FAMILIES for name in _own(family, self.name or "")}
         other_options = all_options - _own(named_family, self.name or "") if named_family else set()
@@ -162,20 +162,20 @@ def options_of(
     context: typer.Context,
     family: Family,
     found: str,
-    given: dict[str, Any],
-    words: Callable[[Family], str] = lambda family_beside: f"the machine {family_beside.name}",
+    values: dict[str, Any],
+    words_of: Callable[[Family], str] = lambda family_beside: f"the machine {family_beside.name}",
 ) -> Any:  # noqa: ANN401 (of the class that the kind names)
     """What was given of the options of a kind. Raises UsageError for those of others alone.
 
-    ``found`` says what they were given with, ``words`` what of another kind takes them.
+    ``found`` says what they were given with, ``words_of`` what of another kind takes them.
     """
     verb = context.command.name or ""
     own_options = _own(family, verb)
     for family_beside in FAMILIES:
         if wrong := typed(context, _own(family_beside, verb) - own_options):
-            raise UsageError(wrong, found, words(family_beside))
+            raise UsageError(wrong, found, words_of(family_beside))
     kind = family.options.get(verb)
-    return None if kind is None else kind(**{name: given[name] for name in own_options})
+    return None if kind is None else kind(**{name: values[name] for name in own_options})
 
 
 def _own(family: Family, verb: str) -> set[str]:

@@ -197,10 +197,10 @@ class AttendedSession:
         if mover is None or step is None or self.guided.closed:  # leaving stops it, too
             return False
         asks, wrong = (proof.question, proof.wrong) if (proof := mover.unproved) else ("", "")
-        there = mover.is_there(step)
-        news = mover.state, mover.why, there, mover.line.not_stopped, mover.proving, asks, wrong
-        before, self._motion = self._motion, news
-        return news != before
+        arrived = mover.is_there(step)
+        news = mover.state, mover.why, arrived, mover.line.not_stopped, mover.proving, asks, wrong
+        previous, self._motion = self._motion, news
+        return news != previous
 
     def _of_step(self, states: Sequence[Live]) -> Sequence[Live]:
         step = self.guided.step()

@@ -226,8 +226,8 @@ class SelfMovingBench(Bench):
             return
         way = self.machine.truth.geometry.direction[leg_number(step.leg)]
         along_mm = sum(a * b for a, b in zip(way, tool_mm, strict=True))
-        beside = [place - along_mm * part for place, part in zip(tool_mm, way, strict=True)]
-        self.read(step, along_mm, beside)
+        stand_mm = [place - along_mm * part for place, part in zip(tool_mm, way, strict=True)]
+        self.read(step, along_mm, stand_mm)
 
     def _shows(self, number: int) -> float:
         with self._lock:

@@ -74,22 +74,24 @@ def plausible(outcome: Outcome, axis: str, resolution_before_mm: float | None) -
     if not isinstance(outcome, IndicatorReading):
         return outcome
     if abs(outcome.value_mm) > LARGEST_READING_MM:
-        words = f"{outcome.value_mm:+.0f} mm is further than any indicator moves"
-        return Fault(FaultKind.OVER_RANGE, outcome.text, words)
+        text = f"{outcome.value_mm:+.0f} mm is further than any indicator moves"
+        return Fault(FaultKind.OVER_RANGE, outcome.text, text)
     if resolution_before_mm in (None, outcome.resolution_mm):
         return outcome
-    now, before = (f"{mm:.7f}".rstrip("0") for mm in (outcome.resolution_mm, resolution_before_mm))
-    words = (
-        f"along {axis.upper()} it now shows steps of {now} mm, before {before}: inch for mm? "
+    now, previous = (
+        f"{mm:.7f}".rstrip("0") for mm in (outcome.resolution_mm, resolution_before_mm)
+    )
+    text = (
+        f"along {axis.upper()} it now shows steps of {now} mm, before {previous}: inch for mm? "
         "Set it back, or pause the session and continue it with this setting"
     )
-    return Fault(FaultKind.WRONG_UNIT, outcome.text, words)
+    return Fault(FaultKind.WRONG_UNIT, outcome.text, text)
 
 
 def examined(
     step_taken: TakenStep,
     record: Sequence[Event],
-    before: Session,
+    session: Session,
     gauges: Sequence[Gauge],
     *,
     simulated: bool,
@@ -97,23 +99,23 @@ def examined(
 ) -> tuple[TakenStep, list[Line]]:
     """The readings with what is doubtful about them, and what to note behind them.
 
-    ``record`` ends with the readings of the step, ``before`` is the session without them. A
+    ``record`` ends with the readings of the step, ``session`` has none of them. A
     ``simulated`` machine is where it was sent; of a ``controlled`` one its controller says so.
     """
     doubt: Doubt | None = None
     remarks: list[Line] = []
     if not simulated:
-        doubt, remarks = _movement_doubt(step_taken, before, gauges, controlled=controlled)
+        doubt, remarks = _movement_doubt(step_taken, session, gauges, controlled=controlled)
     if doubt:
         step_taken = replace(step_taken, doubt=doubt)
         if doubt is Doubt.UNCHANGED and (
             step := step_taken.due[0].before.step
         ):  # or it was here early
-            earlier = tuple(r for r in before.readings if r.step == step)
+            earlier = tuple(r for r in session.readings if r.step == step)
             step_taken = replace(step_taken, earlier=earlier)
     elif step_taken.due:
         step_taken = _compared(step_taken, record)
-    elif not simulated and (last := _unmoved_stand(step_taken, before, gauges)):
+    elif not simulated and (last := _unmoved_stand(step_taken, session, gauges)):
         step_taken = replace(step_taken, doubt=Doubt.STAND, earlier=last)
     if not step_taken.doubt:
         return step_taken, remarks
@@ -123,7 +125,7 @@ def examined(
 
 
 def _movement_doubt(
-    step_taken: TakenStep, before: Session, gauges: Sequence[Gauge], *, controlled: bool
+    step_taken: TakenStep, session: Session, gauges: Sequence[Gauge], *, controlled: bool
 ) -> tuple[Doubt | None, list[Line]]:
     """Whether it is doubtful that the machine moved, and what to note where nothing tells."""
     step, due = step_taken.step, step_taken.due
@@ -136,29 +138,29 @@ def _movement_doubt(
         return Doubt.UNCHANGED, []
     if moved is not Movement.UNKNOWN or controlled:
         return None, []
-    if time_s < _arrival_s(step, due[0].before, before):
+    if time_s < _arrival_s(step, due[0].before, session):
         return Doubt.TOO_SOON, []
     word = f"step {step.number}: no reading can show a move here; the operator's word"
     return None, [Noted(text=word)]
 
 
-def _arrival_s(step: Step, before: Reading, session: Session) -> float:
+def _arrival_s(step: Step, previous: Reading, session: Session) -> float:
     """When the machine can be there at the earliest, in time of the session."""
-    way_mm = abs(step.displacement_mm - before.displacement_mm)
-    if step.position_mm and before.position_mm:
-        way_mm = math.dist(step.position_mm, before.position_mm)
+    way_mm = abs(step.displacement_mm - previous.displacement_mm)
+    if step.position_mm and previous.position_mm:
+        way_mm = math.dist(step.position_mm, previous.position_mm)
     fastest_mm_s = session.opened.machine.fastest_feed_mm_min / 60.0
-    return (before.time_s or 0.0) + way_mm / fastest_mm_s
+    return (previous.time_s or 0.0) + way_mm / fastest_mm_s
 
 
 def _unmoved_stand(
-    step_taken: TakenStep, before: Session, gauges: Sequence[Gauge]
+    step_taken: TakenStep, session: Session, gauges: Sequence[Gauge]
 ) -> tuple[Reading, ...]:
     """The last readings of the set-up before, where the first of a new one are the same.
 
     None where a spindle went far since: then somebody set it up, to the same zero.
     """
-    counting, step = before.readings, step_taken.step
+    counting, step = session.readings, step_taken.step
     elsewhere = [
         r for r in counting if r.set_up != step_taken.readings[0].set_up and r.step is not None
     ]
@@ -166,7 +168,7 @@ def _unmoved_stand(
     if not elsewhere:
         return ()
     last = tuple(r for r in elsewhere if r.step == elsewhere[-1].step)
-    step_before = before.steps()[(last[0].step or 1) - 1]
+    step_before = session.steps()[(last[0].step or 1) - 1]
     shown_mm = dict(zip(step_before.indicators, (r.value_mm for r in last), strict=False))
     stayed = counting[-1].step == step_before.number
     for number, reading in zip(step.indicators, step_taken.readings, strict=True):

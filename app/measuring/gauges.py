@@ -82,7 +82,7 @@ class Gauge:
         self,
         profile: Profile,
         port: str,
-        asked: Query,
+        query: Query,
         *,
         interval_s: float | None = None,
         window_s: float,
@@ -106,7 +106,7 @@ class Gauge:
         self.on_news: Callable[[], None] = lambda: None
         self.adapter = ""
         """The serial number of what is at the port, where it has one."""
-        self._asked, self._interval_s = asked, interval_s
+        self._asked, self._interval_s = query, interval_s
         self._line = self._line_at(port)
 
     def _line_at(self, port: str) -> IndicatorLine:
@@ -132,9 +132,9 @@ class Gauge:
         check_request(self.profile, port)
         line = self._line_at(port)
         line.start()
-        before, self._line, self.port = self._line, line, port
+        former_line, self._line, self.port = self._line, line, port
         self.adapter = adapter_at(port)
-        before.close()
+        former_line.close()
         self.restart_window()
 
     def close(self) -> None:

@@ -238,9 +238,9 @@ class PostureTaking:
         """Whether these tell of the next ones. A wrong one that counts by the operator's word may
         leave no machine that has all postures: measuring goes on without it.
         """
-        taken = replace(self.session, readings=tuple(readings)).measurements().readings()
+        readings_so_far = replace(self.session, readings=tuple(readings)).measurements().readings()
         try:
-            self._expectation.learn(taken)
+            self._expectation.learn(readings_so_far)
         except CalibrationError:
             return False
         return True

@@ -150,8 +150,8 @@ def ports_to_choose(adapter: str, ports_in_use: Collection[str]) -> list[tuple[s
     """
     numbers = adapters()
     free = [
-        (port, words, bool(adapter) and numbers.get(port) == adapter)
-        for port, words in serial_ports()
+        (port, description, bool(adapter) and numbers.get(port) == adapter)
+        for port, description in serial_ports()
         if port not in ports_in_use
     ]
     return sorted(free, key=lambda port: not port[2])
@@ -195,13 +195,13 @@ def remember(
     remembered = _last_used()
     ports, here = {instrument.port for instrument in instruments}, adapters()
     present = ports & {port for port, _ in serial_ports()}  # what is there now has no other number
-    before = {port: n for port, n in remembered.adapters.items() if port not in present}
+    absent = {port: n for port, n in remembered.adapters.items() if port not in present}
     numbers = {machine: serial_number} if serial_number else {}
     updated = RememberedIndicators(
         machines=remembered.machines | {machine: tuple(instruments)},
         serial_numbers=remembered.serial_numbers | numbers,
         places=remembered.places | ({machine: place} if place else {}),
-        adapters=before | {port: number for port, number in here.items() if port in ports},
+        adapters=absent | {port: number for port, number in here.items() if port in ports},
     )
     if updated != remembered:
         write_files(data_path(), {"": updated.model_dump_json(indent=1)}, replace=True)

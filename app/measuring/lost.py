@@ -65,8 +65,8 @@ class LostIndicators:
         if number not in self.ports or not isinstance(outcome, IndicatorReading):
             return None
         del self.ports[number]
-        before, now = gauge.adapter, adapter_at(gauge.port)
-        if not before or now == before:
+        adapter_before, now = gauge.adapter, adapter_at(gauge.port)
+        if not adapter_before or now == adapter_before:
             return LostNews(number)
         gauge.adapter = now
-        return LostNews(number, adapters=(before, now))
+        return LostNews(number, adapters=(adapter_before, now))

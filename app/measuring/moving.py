@@ -198,13 +198,13 @@ class Mover:
                 return None
             if (proof := self.unproved) is not None:
                 return self._proof_proposal(proof, step)
-            there = self.is_there(step)
-            to_zero = self._by_hand and not (there or self._stands_at_zero)
-            places = [zero_mm(self._machine)] if to_zero else [] if there else self._way_to(step)
+            arrived = self.is_there(step)
+            to_zero = self._by_hand and not (arrived or self._stands_at_zero)
+            places = [zero_mm(self._machine)] if to_zero else [] if arrived else self._way_to(step)
             steps = sum(
                 step_after.place == step.place for step_after in self._steps[step.number - 1 :]
             )
-            by_hand = self._by_hand and not (there or to_zero)
+            by_hand = self._by_hand and not (arrived or to_zero)
             from_mm = self.line.place_mm
             clears = to_zero and self.proof is not None and self.proof.stands
             return MoveProposal(
@@ -375,10 +375,10 @@ class Mover:
         here = self._at if self._at is not None and self._at.place == step.place else None
         if here == step:  # once more: approached anew
             here = None
-        if here is None and (before := came_from(step, self._steps)) is not None:
+        if here is None and (origin := came_from(step, self._steps)) is not None:
             return [
-                *way_mm(before, before, self._procedure, self._machine),
-                *way_mm(step, before, self._procedure, self._machine),
+                *way_mm(origin, origin, self._procedure, self._machine),
+                *way_mm(step, origin, self._procedure, self._machine),
             ]
         return way_mm(step, here, self._procedure, self._machine)
 

@@ -124,8 +124,8 @@ class PlanCheck:
             return open_indicators(self.plan)
         except GlidecalError as problem:
             ports = enumerate(instrument.port for instrument in self.plan.instruments)
-            gone = [k for k, port in ports if port_is_gone(port)]
-            self.gone = [*gone, *(k for k in self.chosen if k not in gone)]
+            missing = [k for k, port in ports if port_is_gone(port)]
+            self.gone = [*missing, *(k for k in self.chosen if k not in missing)]
             self.problem = problem
         return None
 

@@ -181,9 +181,9 @@ def _rail_moved(change: Changed, supports_mm: tuple[float, float]) -> RailMoved:
     return RailMoved.by_shim(shim, moved_mm or 0.0)
 
 
-def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
+def verification_plan(plan: Plan, result: SessionSolution) -> Plan:
     """The plan of the same procedure after the offsets were entered in the controller."""
-    offsets_mm = before.joint_offsets_mm
+    offsets_mm = result.joint_offsets_mm
     entered = [
         old + new for old, new in zip(plan.machine.entered_offsets_mm, offsets_mm, strict=True)
     ]
@@ -191,20 +191,20 @@ def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
     home = home_mm and [old + new for old, new in zip(home_mm, offsets_mm, strict=True)]
     machine: Machine = plan.machine.model_copy(
         update={
-            "adjusted": before.sessions[0].adjusted,
+            "adjusted": result.sessions[0].adjusted,
             "entered_offsets_mm": tuple(entered),
             "home_offset_mm": tuple(home) if home else None,
             "position_endstop_mm": None,
         }
     )
     path = unused_path(plan.path.with_name(plan.path.stem + "_verify.jsonl"))
-    if "joint-offsets" not in before.choice.refused:  # what was entered, whatever was looked at
-        before = before.with_subset("joint-offsets")
+    if "joint-offsets" not in result.choice.refused:  # what was entered, whatever was looked at
+        result = result.with_subset("joint-offsets")
     return replace(
         plan,
         path=path,
         machine=machine,
-        before=before,
+        before=result,
         verifies=plan.path.name,
         note="",
         continued=False,

@@ -361,7 +361,7 @@ class Playback:
 
 def _first_speed(times_s: Sequence[float]) -> int:
     """The highest speed at which a typical moment still stays for SHORTEST_S."""
-    gaps_s = [after - before for before, after in pairwise(times_s)]
+    gaps_s = [later - earlier for earlier, later in pairwise(times_s)]
     typical_s = median(gaps_s) if gaps_s else SHORTEST_S
     return max((s for s in SPEEDS if typical_s / s >= SHORTEST_S), default=SPEEDS[0])
 

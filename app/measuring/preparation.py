@@ -85,13 +85,13 @@ class Preparation:
         """Offer the machine's usual procedure, by hand or where a controller moves it, or the
         chosen one.
         """
-        procedure, before = (
+        procedure, procedure_before = (
             self.typed.get("procedure"),
             self._usual or self.offered_for.usual_procedure,
         )
         self._usual = procedure_of(machine, moving=bool(self.typed["motion"]))
         self.offered_for = machine
-        stays = procedure and procedure != before and procedure in self.procedures
+        stays = procedure and procedure != procedure_before and procedure in self.procedures
         self.fields["procedure"] = procedure if procedure and stays else self._usual
 
     @property
@@ -133,16 +133,16 @@ class Preparation:
         Raises UsageError where the file may not name a port.
         """
         self.forms, self.source = [{}, {}], ""
-        proposed = {"file": from_file(machine.indicator, "the machine file")}
+        proposals = {"file": from_file(machine.indicator, "the machine file")}
         self._proposed_for = machine
         try:
             serial_number, place = last_identity(machine.name)
-            proposed["last"] = last_used(machine.name)
+            proposals["last"] = last_used(machine.name)
             self.fields["serial"] = machine.serial_number or serial_number
             self.fields["place"] = machine.place or place
         except GlidecalError as problem:
             self.forgotten = problem
-        for source, instruments in proposed.items():
+        for source, instruments in proposals.items():
             if instruments and not self.source:
                 self.forms, self.source = [*map(form_of, instruments), {}][:2], source
 

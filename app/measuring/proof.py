@@ -274,11 +274,11 @@ class Proof:
         to_mm = moved_alone(move.from_mm, letter, move.way_mm, self._machine) or move.from_mm
         return changes(move.step, move.from_mm, to_mm, self._machine)
 
-    def _fail(self, words: str, where: str) -> None:
+    def _fail(self, text: str, where: str) -> None:
         """Not proved: all of it begins anew, with the indicators set up."""
         prefix = f"Sent {self.move.words}: " if self.move else ""
         self.wrong = (
-            f"{prefix}{words}. Correct {where}, or mdi in the machine file, or move the stand to "
+            f"{prefix}{text}. Correct {where}, or mdi in the machine file, or move the stand to "
             "its station."
         )
         self.news.append(f"proof failed: {self.wrong}")

@@ -182,8 +182,8 @@ def _state(record: Record) -> SessionFile:
 def follow_up(session: SessionFile, among: Sequence[SessionFile]) -> SessionFile | None:
     """The session that verifies this one, if it is there."""
     folder, name = session.path.parent, session.path.name
-    beside = (entry for entry in among if entry.path.parent == folder)
-    return next((entry for entry in beside if entry.verifies == name), None)
+    entries = (entry for entry in among if entry.path.parent == folder)
+    return next((entry for entry in entries if entry.verifies == name), None)
 
 
 Parser = Callable[[str], float | None]

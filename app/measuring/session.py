@@ -182,8 +182,8 @@ class GuidedSession:
         faults, failed = [], []
         for number, axis, outcome in zip(step.indicators, step.axes, outcomes, strict=True):
             if isinstance(outcome, Fault):
-                words = f"{self.name_of(number)}: {outcome.words}"
-                faults.append(replace(outcome, words=words))
+                message = f"{self.name_of(number)}: {outcome.words}"
+                faults.append(replace(outcome, words=message))
                 kind, text = outcome.kind, outcome.text
                 failed.append(Faulted(step=step.number, axis=axis, kind=kind, text=text))
         if faults:
@@ -325,12 +325,12 @@ class GuidedSession:
         """
         alone = frozenset((step.number,))
         settled = self.session.done() | self.session.skipped.keys()
-        there = [s for s in self.steps if s.place == step.place]
-        zeros = [s for s in there if s.at_zero]
+        steps = [s for s in self.steps if s.place == step.place]
+        zeros = [s for s in steps if s.at_zero]
         coming = any(s.number not in settled for s in zeros)
         if coming or not self.session.needs_new_zero(step):
             return alone
-        numbers = {s.number for s in there}
+        numbers = {s.number for s in steps}
         mounts = [r.mount for r in self.session.readings if r.step in numbers]
         if mounts:
             groups = (set(m.mounts.values()) for m in self.session.mountings)
@@ -419,11 +419,11 @@ class GuidedSession:
         ports_beside = [gauge.port for k, gauge in enumerate(self.gauges) if k != number]
         if port in ports_beside:
             raise UsageError(f"port of indicator {number + 1}", port, "a port of its own")
-        before = self.name_of(number)
+        former_name = self.name_of(number)
         self.gauges[number].go_on_at(port)
         adapter = self.gauges[number].adapter
         adapter_words = f", adapter {adapter}" if adapter else ""
-        self.note(f"{before} goes on at {port}{adapter_words}")
+        self.note(f"{former_name} goes on at {port}{adapter_words}")
 
     def note(self, text: str) -> None:
         """A remark for the record."""

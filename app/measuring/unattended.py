@@ -28,9 +28,9 @@ def lost_words(guided: GuidedSession) -> str | None:
     mover = guided.mover
     moving = mover is not None and mover.state is State.MOVING
     for number, gauge in enumerate(guided.gauges):
-        words = gauge.lost(moving=moving)
-        if words is not None:
-            fault_words = f"{guided.name_of(number)}: {words}"
+        news = gauge.lost(moving=moving)
+        if news is not None:
+            fault_words = f"{guided.name_of(number)}: {news}"
             if mover is not None and moving:
                 mover.stop(fault_words)
             return fault_words

@@ -46,16 +46,16 @@ def stated_noise(machine: Machine, noise_mm: float | None) -> tuple[Noise, str]:
     if noise_mm is not None:
         allowed = f"a positive length in mm, up to {LARGEST_NOISE_MM:g}"
         check_number("--noise", noise_mm, LEAST_FIGURE_MM, LARGEST_NOISE_MM, "mm", allowed)
-    figures, words = IndicatorFigures(repeatability_mm=noise_mm), "as asked for"
+    figures, noise_source = IndicatorFigures(repeatability_mm=noise_mm), "as asked for"
     if noise_mm is None:
-        figures, words = worst_stated(machine.indicator), "of the machine file's indicators"
+        figures, noise_source = worst_stated(machine.indicator), "of the machine file's indicators"
         if figures.noise() is None:
             figures = IndicatorFigures(repeatability_mm=PROTOTYPE_NOISE_MM)
-            words = "that of the papers' indicators"
+            noise_source = "that of the papers' indicators"
     noise = figures.noise(2)
     if noise is None:  # so little that it is arithmetic
         raise UsageError("--noise", f"{noise_mm:g} mm", "a positive length in mm")
-    return noise, f"{noise.standard_deviation_mm:.4g} mm, {words}"
+    return noise, f"{noise.standard_deviation_mm:.4g} mm, {noise_source}"
 
 
 def tripod_planning(
@@ -66,7 +66,7 @@ def tripod_planning(
 ) -> TripodPlanning:
     """What a procedure reads; without noise that of the machine file. Raises UsageError."""
     geometry = machine.geometry()
-    noise, words = stated_noise(machine, noise_mm)
+    noise, noise_source = stated_noise(machine, noise_mm)
     steps = procedure.steps(geometry)
     return TripodPlanning(
         name=machine.name,
@@ -80,7 +80,7 @@ def tripod_planning(
         seconds_per_step=seconds_per_step(machine, procedure),
         minutes_per_mounting=minutes_per_mounting,
         noise=noise,
-        noise_words=words,
+        noise_words=noise_source,
     )
 
 
@@ -260,7 +260,7 @@ def next_measurement(
     check_choice("frame", frame, Frame)
     check_choice("holds", holds, Holds)
     machine, model = _machine_and_model(sessions, machine_file, model_file)
-    stated, words = stated_noise(machine, noise_mm)
+    noise, noise_source = stated_noise(machine, noise_mm)
     nominal = Model(model.geometry).with_effects(model.effects)
     free: frozenset[tuple[Effect, str]] = frozenset()
     if model_file:
@@ -277,12 +277,14 @@ def next_measurement(
             "a usable part of the bars that an indicator stays on",
             "Widen usable_bar in the machine file.",
         )
-    asked_mm = None if sessions and noise_mm is None else stated.standard_deviation_mm
+    asked_mm = None if sessions and noise_mm is None else noise.standard_deviation_mm
     entered = correction(weighted, holds, frame or machine.frame)
     planner = Planner(weighted, entered, tuple(measurements), asked_mm)
-    words = words if asked_mm else f"{planner.forecast.noise_mm:.2g} mm, from the sessions"
+    noise_source = (
+        noise_source if asked_mm else f"{planner.forecast.noise_mm:.2g} mm, from the sessions"
+    )
     names = tuple(session.name for session in sessions)
-    return MeasurementPlan(names, machine.name, words, planner)
+    return MeasurementPlan(names, machine.name, noise_source, planner)
 
 
 def _pace_s(machine: Machine, sessions: Sequence[Session]) -> float:

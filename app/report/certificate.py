@@ -86,14 +86,14 @@ class CertifiedCalibration:
     def counted(self) -> dict[str, int]:
         """How many readings of each session count, by its digest."""
         later = (self.verification.compared.after,) if self.verification else ()
-        lost = {
+        missing_counts = {
             id(reading)  # sessions of one name may stand in two folders
             for solution in (self.result, *later)
             for alone in solution.isolated
             for reading in alone.readings
         }
         return {
-            session.digest: sum(id(reading) not in lost for reading in session.readings)
+            session.digest: sum(id(reading) not in missing_counts for reading in session.readings)
             for session in self.sessions
         }
 
@@ -174,7 +174,7 @@ def calibration_of(
     paths: Sequence[Path],
     *,
     model: Path | None = None,
-    after: Path | None = None,
+    later_path: Path | None = None,
     tolerance_mm: float | None = None,
     head: CertificateHead | None = None,
 ) -> CertifiedCalibration:
@@ -187,7 +187,7 @@ def calibration_of(
         result.sessions, model=model, catalogue_corrections=result.corrections
     )
     last = records_in_order(paths)[-1].path
-    verified = verify_files(last, after, tolerance_mm, result=result) if after else None
+    verified = verify_files(last, later_path, tolerance_mm, result=result) if later_path else None
     if verified:  # one tolerance for all decisions
         tolerance_mm = verified.tolerance_mm
     elif tolerance_mm is None:
@@ -241,16 +241,16 @@ def read_head(order: Path) -> CertificateHead:
 
     Raises RecordError for a file that cannot be used, UsageError where there is no laboratory.
     """
-    stated, path = read_order(order), settings_path()
+    certificate_order, path = read_order(order), settings_path()
     laboratory = read_settings(path).laboratory
     if laboratory is None:
         raise UsageError(
-            f"certificate {stated.number}",
+            f"certificate {certificate_order.number}",
             f"no laboratory in the settings file {path}",
             'a table [laboratory] there, with name = "…"',
         )
     logo = None if laboratory.logo is None else read_logo(path.parent / laboratory.logo)
-    return CertificateHead(stated, laboratory, logo)
+    return CertificateHead(certificate_order, laboratory, logo)
 
 
 def read_logo(path: Path) -> Logo:

@@ -93,14 +93,14 @@ class CertifiedPostures:
 
 def certified_postures(
     path: Path,
-    after: Path | None = None,
+    later_path: Path | None = None,
     tolerance_mm: float | None = None,
     head: CertificateHead | None = None,
 ) -> CertifiedPostures:
     """Certify a session and a later one. Raises as `posture_result` and `verify_sessions`."""
     check_tolerance(tolerance_mm)
     later = None
-    if after is not None:
-        verified = verify_sessions(path, after, tolerance_mm)
-        later = VerifyingSession(*read_postures(after), verified)
+    if later_path is not None:
+        verified = verify_sessions(path, later_path, tolerance_mm)
+        later = VerifyingSession(*read_postures(later_path), verified)
     return CertifiedPostures(posture_result(path), later, tolerance_mm, head)

@@ -152,30 +152,30 @@ def for_controller(
     effects = offsets.model.effects
     missing_ids = [id(effect) for effect in left_out]  # two effects may be equal
     names = list(dict.fromkeys(effect.id for effect in effects if id(effect) in missing_ids))
-    kept = offsets.model.with_effects(tuple(e for e in effects if id(e) not in missing_ids))
+    model = offsets.model.with_effects(tuple(e for e in effects if id(e) not in missing_ids))
     if result is None:
-        return _offsets_of_model(offsets, kept, holds, names)
+        return _offsets_of_model(offsets, model, holds, names)
     if not names:
         return offsets
-    off = result.corrections.off(kept)
+    off = result.corrections.off(model)
     leaves = "the bound of the tool includes what that leaves"
     missing = f"not in these files: {', '.join(names)}; {leaves}"
     return with_bound(offsets, bound_of_files(result, off), missing)
 
 
-def _offsets_of_model(offsets: Offsets, kept: Model, holds: Holds, names: list[str]) -> Offsets:
+def _offsets_of_model(offsets: Offsets, model: Model, holds: Holds, names: list[str]) -> Offsets:
     """A model file for a controller: joint offsets take over what they can of all else.
 
-    ``kept`` is without the effects of these ``names``, which the controller does not hold.
+    ``model`` is without the effects of these ``names``, which the controller does not hold.
     """
-    lengths_mm = kept.parameters_mm[3:] if holds == "kinematics" else (0.0, 0.0, 0.0)
-    if lengths_mm != kept.parameters_mm[3:]:
+    lengths_mm = model.parameters_mm[3:] if holds == "kinematics" else (0.0, 0.0, 0.0)
+    if lengths_mm != model.parameters_mm[3:]:
         names.append("leg lengths")
     if not names:
         return offsets
     frame = offsets.machine.frame
-    beside = replace(kept, parameters_mm=(0.0, 0.0, 0.0, *lengths_mm))
-    offsets_mm, left_mm = offsets_beside(beside, offsets.model, frame)
+    lengths_model = replace(model, parameters_mm=(0.0, 0.0, 0.0, *lengths_mm))
+    offsets_mm, left_mm = offsets_beside(lengths_model, offsets.model, frame)
     values = (*offsets_mm.tolist(), *lengths_mm)
     stated = [name for name in PARAMETER_NAMES if name in JOINT_OFFSETS or holds == "kinematics"]
     missing = (
@@ -185,7 +185,7 @@ def _offsets_of_model(offsets: Offsets, kept: Model, holds: Holds, names: list[s
     changed = replace(
         offsets,
         parameters=dict(zip(stated, map(Offset, values), strict=False)),
-        model=replace(kept, parameters_mm=values),
+        model=replace(model, parameters_mm=values),
     )
     return with_bound(changed, "", missing)
 
@@ -292,7 +292,7 @@ def _offsets_from_model(path: Path) -> Offsets:
     model_file = read_model_file(path)
     model = to_model(model_file, f"model {path}", known_effects())
     _all_stated(f"model {path}, parameters_mm", model_file.parameters_mm)
-    stated = [name for name in PARAMETER_NAMES if name in model_file.parameters_mm]
+    names = [name for name in PARAMETER_NAMES if name in model_file.parameters_mm]
     unsure = ambiguous_effects(model_file)
     provenances = [effect.provenance for effect in model_file.effects if effect.provenance]
     cautions = [NOT_KNOWN, ambiguity(unsure), *(model_file.cautions or ())]
@@ -300,7 +300,7 @@ def _offsets_from_model(path: Path) -> Offsets:
     return Offsets(
         source=path.name,
         machine=model_file.machine,
-        parameters={name: Offset(model_file.parameters_mm[name]) for name in stated},
+        parameters={name: Offset(model_file.parameters_mm[name]) for name in names},
         model=model,
         controller=_stated(model_file.machine),
         recorded=recorded,

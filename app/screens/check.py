@@ -44,10 +44,10 @@ class CheckScreen(MainScreen[None]):
         self._check = PlanCheck(plan)
 
     def content(self) -> ComposeResult:
-        words = Static(preparing.OPENING, id="words", markup=False)
+        text = Static(preparing.OPENING, id="words", markup=False)
         plan = self._check.plan
         moves = plan.motion or plan.by_itself  # every posture, to scroll through
-        yield VerticalScroll(words, id="moves") if moves else words
+        yield VerticalScroll(text, id="moves") if moves else text
         yield Static("", id="trial", markup=False)
         yield Gauges(plan.instruments)
 

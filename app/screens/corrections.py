@@ -94,11 +94,11 @@ class Corrections(MainScreen[None]):
         path = self.guided.path
         return screen_of("result.ResultScreen", solve_files([path]), self.plan, path)
 
-    def action_correct(self, what: str) -> None:
+    def action_correct(self, correction: str) -> None:
         """Repeat, take back, skip or set up anew, as `Correcting` calls it."""
         if not self.busy:
-            by_hand = what in ("undo", "earlier")
-            self.converse(getattr(self.correcting, what), by_hand=by_hand)
+            by_hand = correction in ("undo", "earlier")
+            self.converse(getattr(self.correcting, correction), by_hand=by_hand)
 
     @work
     async def converse(

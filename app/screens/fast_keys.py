@@ -42,7 +42,9 @@ def lacks_parts(error: Exception) -> bool:
         return False
     if not (node.app.is_running and node.is_attached):
         return True
-    return any(each._pruning or each._closing for each in node.ancestors_with_self)
+    return any(
+        node_above._pruning or node_above._closing for node_above in node.ancestors_with_self
+    )
 
 
 class LeftOnce(Screen[ScreenResultType]):

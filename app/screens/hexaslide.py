@@ -100,8 +100,8 @@ class HexaSlideScreen(PagedScreen[None]):
         self.put("sees", None, *pair)
 
     @once("ask")
-    async def action_ask(self, what: str) -> None:
-        if request := await asked_request(self, what, self.request):
+    async def action_ask(self, question: str) -> None:
+        if request := await asked_request(self, question, self.request):
             self._look(request)
 
     @once("ask")

@@ -70,8 +70,8 @@ class HexaSlideResultScreen(PagedScreen[None]):
     def _show_glance(self) -> None:
         if self.result is not None:
             columns, only = min(self.size.width, 80) - 4, self.app.read_only
-            words = texts.glance_text(self.result, columns, read_only=only, folder=self.folder)
-            self.put("result", words)
+            text = texts.glance_text(self.result, columns, read_only=only, folder=self.folder)
+            self.put("result", text)
 
     def on_resize(self) -> None:
         """The bars are as long as there is room."""
@@ -82,8 +82,8 @@ class HexaSlideResultScreen(PagedScreen[None]):
         if self.result is None:
             return
         causes = await apart(self, causes_to_try, self.result.calibration.source)
-        words = what_if_texts.cause_words
-        listed = [(name, words(name, weight)) for name, weight in causes.likely.items()]
+        words_of = what_if_texts.cause_words
+        listed = [(name, words_of(name, weight)) for name, weight in causes.likely.items()]
         name = await self.choice(what_if_texts.WHICH, listed)
         if name is not None:
             await self.ask(PostureWhatIfScreen(self.path, causes, name))
@@ -138,7 +138,7 @@ class PostureWhatIfScreen(SizesScreen[None, CauseAtSize]):
         return self.trial.at(values)
 
     def show(self, outcome: CauseAtSize) -> str:
-        before, readings = self.trial.at([0.0] * len(outcome.values)), self.trial.models.readings
+        nominal, readings = self.trial.at([0.0] * len(outcome.values)), self.trial.models.readings
         numbers = [readings.number(row) for row in range(len(readings.sliders))]
-        self.follow("left", left_with(numbers, before, outcome))
-        return what_if_texts.effect_text(before, outcome)
+        self.follow("left", left_with(numbers, nominal, outcome))
+        return what_if_texts.effect_text(nominal, outcome)

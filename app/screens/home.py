@@ -48,17 +48,17 @@ class HomeScreen(MainScreen[None]):
 
     def rows(self) -> Iterator[texts.ListRow | None]:
         """What is listed; None is a line between."""
-        own = [(look.name, look.choice) for look in self.app.looks]
-        return texts.home_rows(self._recent, own, read_only=self.app.read_only)
+        looks = [(look.name, look.choice) for look in self.app.looks]
+        return texts.home_rows(self._recent, looks, read_only=self.app.read_only)
 
     def on_screen_resume(self) -> None:
         """Sessions may have come or gone on while another screen was open."""
         self._recent = self.sessions()
         choices = self.query_one("#choices", OptionList)
-        before = choices.highlighted_option.id if choices.highlighted_option else None
+        highlighted_id = choices.highlighted_option.id if choices.highlighted_option else None
         choices.set_options(row and Option(*row) for row in self.rows())
         ids = [option.id for option in choices.options]
-        choices.highlighted = ids.index(before) if before in ids else 0
+        choices.highlighted = ids.index(highlighted_id) if highlighted_id in ids else 0
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         self._begin(*(event.option.id or "").partition(" ")[::2])
@@ -78,23 +78,23 @@ class HomeScreen(MainScreen[None]):
                 await self._do(*errand)
         self.query_one("#question", Static).update(self.question())
 
-    async def _do(self, what: str, path: Path, after: Path | None) -> None:
-        if after is not None:
-            await self._computed(partial(_comparison, path, after))
+    async def _do(self, errand: str, path: Path, later_path: Path | None) -> None:
+        if later_path is not None:
+            await self._computed(partial(_comparison, path, later_path))
         elif look := look_of(path, self.app.looks):  # its screen writes what is exported, too
-            self.app.push_screen(look.opened(path, what))
-        elif what == "continue":
+            self.app.push_screen(look.opened(path, errand))
+        elif errand == "continue":
             if plan := await plan_to_go_on(self, path):
                 self.app.push_screen(screen_of("check.CheckScreen", plan))
-        elif what == "replay":
+        elif errand == "replay":
             self.app.push_screen(replay_screen(path, ()))
-        elif what == "diagnose":
+        elif errand == "diagnose":
             self.app.push_screen(screen_of("diagnose.DiagnoseScreen", [path]))
         else:
             result = await self._computed(partial(_result, path, self.app.read_only))
             for warning in result.result.warnings:
                 self.app.notify(warning, severity="warning")
-            if what == "export":
+            if errand == "export":
                 result.action_export()
 
     async def _computed(self, job: Callable[[], Shown]) -> Shown:
@@ -126,10 +126,10 @@ def _result(path: Path, read_only: bool) -> ResultScreen:
     return screen
 
 
-def _comparison(before: Path, after: Path) -> Screen[None]:
+def _comparison(earlier_path: Path, later_path: Path) -> Screen[None]:
     from app.evaluating.comparison import compare_files
 
-    return screen_of("history.CompareScreen", compare_files(before, after))
+    return screen_of("history.CompareScreen", compare_files(earlier_path, later_path))
 
 
 def _history(folder: Path, looks: Sequence[Look]) -> Screen[None]:

@@ -90,9 +90,9 @@ class MainScreen(LeftOnce[ScreenResultType]):
         return await self.ask(ChoiceDialog(question, answers, at))
 
     async def line(
-        self, question: str, hint: str, without: str = "", proposed: str = ""
+        self, question: str, hint: str, without: str = "", default: str = ""
     ) -> str | None:
-        return await self.ask(TextDialog(question, hint, proposed, without))
+        return await self.ask(TextDialog(question, hint, default, without))
 
     async def written(self, job: Callable[..., Answer]) -> Answer | None:
         """Run a job that writes files in a thread, from a worker; None where it writes nothing.
@@ -118,15 +118,17 @@ def once(
     """
 
     def decorated(action: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
-        async def doing(app: Glidecal, screen: MainScreen[Any], *given: object) -> None:
+        async def doing(app: Glidecal, screen: MainScreen[Any], *arguments: object) -> None:
             with app.complaining():
-                await action(screen, *given)
+                await action(screen, *arguments)
 
-        def begin_once(screen: MainScreen[Any], *given: object) -> None:
+        def begin_once(screen: MainScreen[Any], *arguments: object) -> None:
             node = screen.app if outlives else screen
             workers = [worker for worker in node.workers if worker.group == group]
             if all(worker.is_finished for worker in workers if worker.node is node):
-                node.run_worker(doing(screen.app, screen, *given), group=group, description=group)
+                node.run_worker(
+                    doing(screen.app, screen, *arguments), group=group, description=group
+                )
 
         return begin_once
 
@@ -146,10 +148,10 @@ class TextDialog(Dialog[str | None]):
         Binding("escape", "dismiss(None)", "Cancel", id="dialog.cancel")
     ]
 
-    def __init__(self, question: str, hint: str, proposed: str = "", without: str = "") -> None:
+    def __init__(self, question: str, hint: str, default: str = "", without: str = "") -> None:
         super().__init__()
         self._question, self._without = question, without
-        self._hint, self._proposed = hint, proposed
+        self._hint, self._proposed = hint, default
 
     def compose(self) -> ComposeResult:
         accepts = "Enter accepts, {dialog.cancel} cancels."
@@ -191,7 +193,7 @@ class ChoiceDialog(Dialog[Answer | None]):
         with Vertical(classes="dialog"):
             yield Static(self._question, markup=False)
             numbered = enumerate(self._choices, 1)
-            options = (f"{n if n < 10 else ' '}  {words}" for n, (_, words) in numbered)
+            options = (f"{n if n < 10 else ' '}  {label}" for n, (_, label) in numbered)
             yield OptionList(*options, markup=False)
             ends = f"{texts.LIST_KEYS}, or the number. {self._leaving}"
             yield Static(self.app.keyed(ends), markup=False)
@@ -260,10 +262,12 @@ class PrintableRows(LineFilter):
 PRINTABLE_ROWS = PrintableRows()
 
 
-def screen_of(name: str, *given: object, **named: object) -> Screen[Any]:
+def screen_of(name: str, *arguments: object, **options: object) -> Screen[Any]:
     """A screen by its module and what makes it, as "home.HomeScreen", loaded when asked for."""
     module, _, kind = name.partition(".")
-    screen: Screen[Any] = getattr(import_module(f"app.screens.{module}"), kind)(*given, **named)
+    screen: Screen[Any] = getattr(import_module(f"app.screens.{module}"), kind)(
+        *arguments, **options
+    )
     return screen
 
 
@@ -319,8 +323,8 @@ class Glidecal(App[str]):
 
     async def on_event(self, event: Event) -> None:
         """Input that comes when the last screen is gone is nobody's; some of it stops a machine."""
-        given = isinstance(event, InputEvent | Paste)
-        if given and (not self.screen_stack or (not event.is_forwarded and self._stops(event))):
+        arguments = isinstance(event, InputEvent | Paste)
+        if arguments and (not self.screen_stack or (not event.is_forwarded and self._stops(event))):
             return
         await super().on_event(event)
 
@@ -375,7 +379,7 @@ class Glidecal(App[str]):
         """Do one of these things; not over another question."""
         if not isinstance(self.screen, ModalScreen):
             # after a refresh: by then the list is gone, and the screen below is the one shown
-            later = [(partial(self.call_after_refresh, job), words) for job, words in rows]
+            later = [(partial(self.call_after_refresh, job), label) for job, label in rows]
             dialog = ChoiceDialog(question, later, highlighted)
             self.push_screen(dialog, lambda begin: None if begin is None else begin())
 
@@ -387,8 +391,8 @@ class Glidecal(App[str]):
         """Smaller than every screen is made for: said after each change, until it is larger."""
         cramped = event.size.width < LEAST_SIZE.width or event.size.height < LEAST_SIZE.height
         if cramped:
-            words = texts.TOO_SMALL.format(*event.size, *LEAST_SIZE)
-            self.notify(words, severity="warning")
+            warning = texts.TOO_SMALL.format(*event.size, *LEAST_SIZE)
+            self.notify(warning, severity="warning")
         elif self._cramped:
             self.notify("")
         self._cramped = cramped
@@ -419,15 +423,15 @@ class Glidecal(App[str]):
     def action_help(self) -> None:
         """Words about the focused panel, then about the screen."""
         panels = (self.focused or self.screen).ancestors_with_self  # the screen is the last of them
-        words = [p.HELP or str(p.tooltip or "") for p in panels if isinstance(p, Widget)]
-        help_text = texts.help_text(words, [look.words for look in self.looks])
+        helps = [p.HELP or str(p.tooltip or "") for p in panels if isinstance(p, Widget)]
+        help_text = texts.help_text(helps, [look.words for look in self.looks])
         if not isinstance(self.screen, HelpDialog):
             self.push_screen(HelpDialog(self.keyed(help_text)))
 
     def key(self, key_id: str) -> str | None:
         """The first key of a binding by its id, as in force now; None for what is no such id."""
-        chosen = self._settings.keys.get(key_id)
-        key = split(chosen)[0] if chosen else usual_key(key_id)
+        key_name = self._settings.keys.get(key_id)
+        key = split(key_name)[0] if key_name else usual_key(key_id)
         return key and texts.key_words(key)
 
     def keyed(self, text: str) -> str:
@@ -445,7 +449,10 @@ class Glidecal(App[str]):
     ) -> None:
         """Show a message in the line that the screen has for it; nothing lies over a table."""
         stack = reversed(self.screen_stack)
-        screen = next((each for each in stack if not isinstance(each, ModalScreen)), None)
+        screen = next(
+            (screen_above for screen_above in stack if not isinstance(screen_above, ModalScreen)),
+            None,
+        )
         if self._early is not None:
             self._early.stop()  # or it would speak behind these, which are newer
         if screen is not None and not screen.is_mounted:

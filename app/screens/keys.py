@@ -23,8 +23,8 @@ def known_keys() -> dict[str, KeyRow]:
     """Every binding that has an id, in the order of the ids."""
     by_id: dict[str, KeyRow] = {}
     for bound in (bound for place in _places() for bound in place if bound.id):
-        _, before, _ = by_id.get(bound.id, ("", (), ""))
-        keys = tuple(dict.fromkeys([*before, bound.key]))
+        _, former_keys, _ = by_id.get(bound.id, ("", (), ""))
+        keys = tuple(dict.fromkeys([*former_keys, bound.key]))
         by_id[bound.id] = bound.id, keys, bound.words or bound.action
     return dict(sorted(by_id.items()))
 

@@ -167,9 +167,9 @@ class MeasureScreen(Corrections, SessionScreen, Resting):
             if news.fault:
                 self.attended.waits_for_press()
             if news.adapters:
-                before, now = news.adapters
-                self._set_hold(True, f"{name}: adapter {now or 'unknown'}, before {before}")
-                self.say(questions.other_adapter_text(name, before, now))
+                adapter_before, now = news.adapters
+                self._set_hold(True, f"{name}: adapter {now or 'unknown'}, before {adapter_before}")
+                self.say(questions.other_adapter_text(name, adapter_before, now))
             else:
                 self.say(questions.lost_text(name, news, alone=not self._faults()))
 

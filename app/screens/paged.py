@@ -107,9 +107,9 @@ class PagedScreen(MainScreen[ScreenResultType]):
 
     def put(self, name: str, text: str | None, *charts: Chart) -> None:
         """Text and charts of a page, None: those of before; keys in the text are ids in braces."""
-        for words in self.query(f"#{name}-text").results(Static):
+        for panel in self.query(f"#{name}-text").results(Static):
             if text is not None:
-                words.update(signalled(self.app.keyed(text)))
+                panel.update(signalled(self.app.keyed(text)))
         for number, chart in enumerate(charts):
             plot = self.query_one(f"#{name}-chart{number}", ChartPlot)
             plot.display = True
@@ -135,11 +135,11 @@ class PagedScreen(MainScreen[ScreenResultType]):
             show(outcome)
             self.refresh_bindings()
 
-    def begin_to_look(self, heading: str, words: str) -> None:
+    def begin_to_look(self, heading: str, text: str) -> None:
         """Say on every page that it is worked out."""
         self.looking, self.looked = True, False
         self.head(heading)
-        self.wait(words)
+        self.wait(text)
         self.refresh_bindings()
 
     def wait(self, text: str) -> None:

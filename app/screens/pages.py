@@ -43,14 +43,17 @@ def is_left(screen: Screen[Any]) -> bool:
 
 
 async def apart(
-    screen: Screen[Any], job: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
+    screen: Screen[Any],
+    job: Callable[Given, Found],
+    *arguments: Given.args,
+    **options: Given.kwargs,
 ) -> Found:
     """What a job gives that is done in a thread while the screen goes on.
 
     For workers of the screen: where it was left meanwhile they end here, as if cancelled.
     """
     try:
-        return await asyncio.to_thread(job, *given, **named)
+        return await asyncio.to_thread(job, *arguments, **options)
     finally:
         if is_left(screen):
             raise asyncio.CancelledError

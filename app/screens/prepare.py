@@ -48,11 +48,11 @@ class FormScreen(MainScreen[ScreenResultType]):
             line = Input(field.value, field.hint, id=field.name, compact=True)
             line.max_length = MOST_LETTERS  # a value of a file may be longer
             return line
-        options = [(Content(words), value) for words, value in field.rows]
-        chosen = field.value if field.value in [value for _, value in options] else Select.NULL
+        options = [(Content(label), value) for label, value in field.rows]
+        selection = field.value if field.value in [value for _, value in options] else Select.NULL
         prompt, blank = self.app.keyed(field.hint), bool(field.hint)
         return Select(
-            options, prompt=prompt, allow_blank=blank, value=chosen, id=field.name, compact=True
+            options, prompt=prompt, allow_blank=blank, value=selection, id=field.name, compact=True
         )
 
     def boxes(self) -> dict[str, Input | Select[str]]:
@@ -80,9 +80,9 @@ class IndicatorScreen(FormScreen[Form]):
         Binding("escape", "leave", "Back", id="indicator.back"),
     ]
 
-    def __init__(self, which: str, form: Mapping[str, object], answered: dict[str, str]) -> None:
+    def __init__(self, which: str, form: Mapping[str, object], answers: dict[str, str]) -> None:
         super().__init__()
-        self.heading, self._form, self._answered = which, dict(form), answered
+        self.heading, self._form, self._answered = which, dict(form), answers
         self._trial: ProfileTrial | None = None
 
     def fields(self) -> Iterable[texts.FormField]:
@@ -99,8 +99,8 @@ class IndicatorScreen(FormScreen[Form]):
         self.on_input_changed()
 
     def on_input_changed(self) -> None:
-        before = self._form
-        if self._read() != before and self._trial is None:
+        form_before = self._form
+        if self._read() != form_before and self._trial is None:
             self.summary(texts.form_problem(self._form) or texts.TRY_HINT)
 
     def _read(self) -> Form:
@@ -120,8 +120,8 @@ class IndicatorScreen(FormScreen[Form]):
         trial = self._trial = ProfileTrial(self._read())
 
         def tell(*asked: object) -> None:
-            words = f"{texts.TRYING}\n{trial_text(*asked)}"  # type: ignore[arg-type]
-            self.app.call_from_thread(self.summary, words)
+            text = f"{texts.TRYING}\n{trial_text(*asked)}"  # type: ignore[arg-type]
+            self.app.call_from_thread(self.summary, text)
 
         try:
             findings = await apart(self, trial.run, tell)
@@ -130,7 +130,7 @@ class IndicatorScreen(FormScreen[Form]):
         if trial.fitting:  # they stand first, and one of them is taken
             self._answered[trial.instrument.port] = ", ".join(fit.name for fit in trial.fitting)
             profiles, rows = self.query_one("#profile", Select), texts.profile_rows(trial.fitting)
-            profiles.set_options((Content(words), name) for words, name in rows)
+            profiles.set_options((Content(label), name) for label, name in rows)
             profiles.value = trial.best(self._form.get("profile"))
             self._read()
         self._trial = None
@@ -180,9 +180,9 @@ class PrepareScreen(FormScreen[None]):
     def summarise(self) -> None:
         """What the form says now; ports may have come or gone on, too."""
         procedures = self.query_one("#procedure", Select)  # first: a screen that goes has none
-        prepared, before, boxes = self._prepared, self._prepared.offered_for, self.boxes()
+        prepared, offered, boxes = self._prepared, self._prepared.offered_for, self.boxes()
         prepared.retype(self.typed())
-        if prepared.offered_for != before:
+        if prepared.offered_for != offered:
             procedures.set_options((Content(name), name) for name in prepared.procedures)
         for name, value in prepared.fields.items():
             boxes[name].value = value
@@ -190,8 +190,8 @@ class PrepareScreen(FormScreen[None]):
             self.app.complain(prepared.forgotten)
         text, lines = prepared_texts(prepared)
         self.query_one("#summary", Static).update(text)
-        for line, words in zip(self.query(IndicatorField), lines, strict=True):
-            line.update(self.app.keyed(words))
+        for line, label in zip(self.query(IndicatorField), lines, strict=True):
+            line.update(self.app.keyed(label))
 
     def _read(self) -> Preparation:
         self._prepared.typed = self.typed()
@@ -202,10 +202,10 @@ class PrepareScreen(FormScreen[None]):
         return action not in ("choose", "clear") or isinstance(self.focused, IndicatorField)
 
     def action_choose(self) -> None:
-        which = self._which()
-        form, answered = self._prepared.forms[which], self._prepared.answered
-        screen = IndicatorScreen(texts.WHICH_INDICATOR[which].label, form, answered)
-        self.app.push_screen(screen, partial(self._chosen, which))
+        number = self._which()
+        form, answers = self._prepared.forms[number], self._prepared.answered
+        screen = IndicatorScreen(texts.WHICH_INDICATOR[number].label, form, answers)
+        self.app.push_screen(screen, partial(self._chosen, number))
 
     def action_clear(self) -> None:
         self._chosen(self._which(), None)
@@ -213,8 +213,8 @@ class PrepareScreen(FormScreen[None]):
     def _which(self) -> int:
         return [line is self.focused for line in self.query(IndicatorField)].index(True)
 
-    def _chosen(self, which: int, form: Form | None) -> None:
-        self._prepared.choose(which, form or {})
+    def _chosen(self, number: int, form: Form | None) -> None:
+        self._prepared.choose(number, form or {})
         self.summarise()
 
     def action_check(self) -> None:

@@ -128,9 +128,9 @@ class ResultScreen(PagedScreen[None]):
     async def action_export(self) -> None:
         """What was written is said in passing, what to beware of stays on the page."""
         folder = self.path.with_suffix("")
-        written = await self.written(partial(export_offsets, self.result, folder))
-        if written is not None:
-            self.app.notify(texts.exported_text(folder, written))
+        paths = await self.written(partial(export_offsets, self.result, folder))
+        if paths is not None:
+            self.app.notify(texts.exported_text(folder, paths))
             self._did(Done.EXPORTED)
 
     def _did(self, done: Done) -> None:

@@ -92,9 +92,9 @@ class GaugeDisplay(Resting):
 
     def show(self, live: Live) -> None:
         """Show what the indicator tells now; only rows that changed are drawn again."""
-        before, self._live = self._live, live
+        live_before, self._live = self._live, live
         rows_before, self.rows = self.rows, self._drawn(live)
-        motions = {live.motion, before.motion if before else None}
+        motions = {live.motion, live_before.motion if live_before else None}
         if len(motions) > 1:
             self.set_classes(f"gauge {live.motion.value}")
         if len(motions) > 1 and Motion.FAULT in motions:
@@ -209,8 +209,8 @@ class SessionView(Vertical, Resting):
         self._now = (session, step) if step else None
         if step is None:
             return
-        words = self.app.keyed(texts.step_text(step, session, by))
-        self.query_one("#step", Words).update(words, layout=False)
+        text = self.app.keyed(texts.step_text(step, session, by))
+        self.query_one("#step", Words).update(text, layout=False)
         self.query_one("#table", Words).fill(partial(texts.so_far_text, session, steps, step))
         self.set_timer(CHART_S, partial(self._show_chart, session, step))
         self.gauges.name_them(self._instruments, step)

@@ -126,8 +126,8 @@ class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outco
 
     def show_words(self) -> None:
         table = texts.sizes_text(self.sizes, self.values, self.number)
-        words = "\n".join(filter(None, [table, self._figures, self._doubt]))
-        self.wait(self.app.keyed(words))
+        text = "\n".join(filter(None, [table, self._figures, self._doubt]))
+        self.wait(self.app.keyed(text))
 
     def follow(self, name: str, chart: Chart) -> None:
         self.query_one(f"#{name}-chart0", ChartPlot).follow(chart)

@@ -177,11 +177,11 @@ class ReportPages:
         # where nothing can be remembered it would begin anew for ever
         again = 0 < waiting < self._waiting.get(key, math.inf)
         self._waiting[key] = waiting
-        words = [f"{waiting:,} of {document['files']:,} sessions are still being worked out."]
+        notice = [f"{waiting:,} of {document['files']:,} sessions are still being worked out."]
         problems = [problem["problem"] for problem in document["problems"]]
         return _page(
             f"History: {folder.name}",
-            text="\n\n".join([*(words if waiting else []), *problems]),
+            text="\n\n".join([*(notice if waiting else []), *problems]),
             folders=[Listing("Machines", "", machines, columns=MACHINE_COLUMNS)],
             again=again,
         )
@@ -212,7 +212,7 @@ class ReportPages:
         paths += [path for folder in self._folders() for path in sessions_below(folder)]
         return _named(key, paths)
 
-    async def _made(self, *words: str) -> tuple[int, str]:
+    async def _made(self, *arguments: str) -> tuple[int, str]:
         """Exit status and text of a verb: what it printed, or what it complained of."""
         if self._making >= MOST_MADE:
             raise web.HTTPServiceUnavailable(text=BUSY)
@@ -220,7 +220,7 @@ class ReportPages:
         try:
             process = await asyncio.create_subprocess_exec(
                 *PROGRAM,
-                *words,
+                *arguments,
                 stdin=DEVNULL,
                 stdout=PIPE,
                 stderr=PIPE,

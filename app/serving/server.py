@@ -184,7 +184,7 @@ class Tab(AppService):
     """The process behind one page."""
 
     def __init__(
-        self, words: Sequence[str], websocket: web.WebSocketResponse, downloads: DownloadManager
+        self, command: Sequence[str], websocket: web.WebSocketResponse, downloads: DownloadManager
     ) -> None:
 
         async def close() -> None:
@@ -197,7 +197,7 @@ class Tab(AppService):
             close=close,
             download_manager=downloads,
         )
-        self._words = words
+        self._words = command
 
     async def _open_app_process(self, width: int = 80, height: int = 24) -> Process:
         """Start the app as the library does, without a shell: a file name is never a command."""

@@ -107,7 +107,7 @@ def choose(
         )
     search = _Exchanges(candidates, aim, repeats=repeats)
     runs = []
-    drawn = [
+    subsets = [
         generator.choice(size, count, replace=repeats)
         for generator in np.random.default_rng(seed).spawn(starts)
     ]
@@ -116,8 +116,8 @@ def choose(
         leading = _Exchanges(
             candidates, replace(aim, criterion=Criterion.DETERMINANT), repeats=repeats
         )
-        drawn.append(leading.improve(drawn[0])[0])
-    begins = (*begin_with, *drawn)
+        subsets.append(leading.improve(subsets[0])[0])
+    begins = (*begin_with, *subsets)
     improved = in_parallel(search.improve, begins)
     for start, (subset, exchanges) in zip(begins, improved, strict=True):
         # sets that see next to nothing can have the best of condition numbers
@@ -221,11 +221,11 @@ class _Exchanges:
         exchanges = unhelpful = place = 0
         score = self.score(subset)
         while unhelpful < len(subset) and exchanges < MOST_EXCHANGES:
-            after = self._scores_without(subset, place)
-            incoming = largest(after, 1.0)
+            scores = self._scores_without(subset, place)
+            incoming = largest(scores, 1.0)
             changed = subset.copy()
             changed[place] = incoming
-            new_score = self.score(changed) if after[incoming] > score + LEAST_GAIN else score
+            new_score = self.score(changed) if scores[incoming] > score + LEAST_GAIN else score
             if new_score > score + LEAST_GAIN:
                 subset, score = changed, new_score
                 exchanges, unhelpful = exchanges + 1, 0
@@ -240,8 +240,8 @@ class _Exchanges:
         covariance = inverse(self._information(subset))
         out = np.broadcast_to(rows[subset[place]], rows.shape)
         signs = np.repeat([1.0, -1.0], rows.shape[1])
-        after = covariances_after(covariance, np.hstack([rows, out]), signs, self.keep)
-        scored = scores(values_of(after, self.aim), self.aim.criterion)
+        covariances = covariances_after(covariance, np.hstack([rows, out]), signs, self.keep)
+        scored = scores(values_of(covariances, self.aim), self.aim.criterion)
         if not self.repeats:
             scored[subset] = -math.inf
         scored[subset[place]] = -math.inf

@@ -62,7 +62,7 @@ def refine(
     aim: Aim | None = None,
     *,
     sharpness: Sequence[float] = (),
-    beside: Callable[[FloatArray], tuple[float, FloatArray]] | None = None,
+    penalty: Callable[[FloatArray], tuple[float, FloatArray]] | None = None,
     progress: Callable[[int, int], object] = lambda _count, _parts: None,
 ) -> RefinedPostures:
     """Improve postures ``(p, d)`` inside the box ``(d,)`` to ``(d,)`` by L-BFGS-B.
@@ -70,7 +70,7 @@ def refine(
     ``rows_at`` is a smooth map of the machine.
     ``sharpness`` are powers, rising, with which criteria of single singular values are made smooth
     in stages: where it depends on the largest singular value alone, a search without them gets
-    stuck. ``beside`` is added to the logarithm of the criterion, with its derivatives by the
+    stuck. ``penalty`` is added to the logarithm of the criterion, with its derivatives by the
     coordinates. Where ``rows_at`` refuses coordinates on the way, the search turns back. Stages are
     reported to ``progress``. Raises CalibrationError for a start outside the box,
     NotIdentifiable where the start does not see all wanted parameters.
@@ -80,7 +80,7 @@ def refine(
         raise CalibrationError(
             "postures to refine", "a coordinate outside its box", "bounds with lower < upper"
         )
-    before = judged(rows_at(start)[0], aim)
+    judged_start = judged(rows_at(start)[0], aim)
 
     def unfolded(unit: FloatArray) -> FloatArray:
         return np.asarray(np.clip(lower + unit.reshape(start.shape) * width, lower, upper))
@@ -89,7 +89,7 @@ def refine(
         coordinates = unfolded(unit)
         try:
             rows, pull = rows_at(coordinates)
-            extra_cost, slopes = (0.0, 0.0) if beside is None else beside(coordinates)
+            extra_cost, slopes = (0.0, 0.0) if penalty is None else penalty(coordinates)
         except CalibrationError:
             return WALL, np.zeros(unit.size)
         value, by_rows = cost_by_rows(rows, aim, power)
@@ -101,10 +101,11 @@ def refine(
         unit = _descended(cost, unit, power)
         progress(stage, len(powers))
     moved = unfolded(unit)
-    after = judged(rows_at(moved)[0], aim)
-    if (after <= before) if aim.criterion.larger_is_better else (after >= before):
-        moved, after = start, before
-    return RefinedPostures(moved, after, before, count_on_bound(moved, lower, upper))
+    judged_here = judged(rows_at(moved)[0], aim)
+    larger = aim.criterion.larger_is_better
+    if judged_here <= judged_start if larger else judged_here >= judged_start:
+        moved, judged_here = start, judged_start
+    return RefinedPostures(moved, judged_here, judged_start, count_on_bound(moved, lower, upper))
 
 
 def _descended(

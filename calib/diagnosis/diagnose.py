@@ -122,16 +122,16 @@ class _Report:
         """The whole answer."""
         findings = self._findings()
         adopted = tuple(effect for finding in findings for effect in finding.effects)
-        after = self._with(adopted) if adopted else None
-        if after and after.gap().p_value < UNLIKELY and self.answer.verdict == "explained":
+        leftover = self._with(adopted) if adopted else None
+        if leftover and leftover.gap().p_value < UNLIKELY and self.answer.verdict == "explained":
             self.answer = replace(self.answer, verdict="partly-explained")
         pattern = shared_pattern([*self.posterior.sessions, *self.others])
-        left_over, where = self._left_over(adopted, after), ""
+        left_over, where = self._left_over(adopted, leftover), ""
         gap = self.before.gap()
         parts = locate(self.before)
         verdict, detectable = self.answer.verdict, self._smallest_detectable()
         if verdict in ("partly-explained", "unexplained"):
-            where = where_words(locate(after) if after else parts)
+            where = where_words(locate(leftover) if leftover else parts)
         repeats = pattern is not None and verdict not in ("explained", "agrees")
         cells = self.posterior.sessions
         return Diagnosis(
@@ -142,8 +142,8 @@ class _Report:
             something_else=self.claims.unnamed,
             names=tuple(LikelyName(*entry) for entry in self.claims.ids.items()),
             gap_before=gap,
-            gap_after=after.gap() if after else gap,
-            held_out=self._held_out(adopted, after),
+            gap_after=leftover.gap() if leftover else gap,
+            held_out=self._held_out(adopted, leftover),
             where=parts[:MOST_CONTENDERS],
             effects=tuple(
                 f for f in findings if f.kind == Kind.GROSS_ERROR or verdict in WITH_NAMES
@@ -151,7 +151,7 @@ class _Report:
             candidates=tuple(self._contenders()),
             smallest_detectable=tuple(filter(None, detectable.values())),
             not_shown=tuple(name for name, smallest in detectable.items() if smallest is None),
-            residuals=residuals(self.before, after),
+            residuals=residuals(self.before, leftover),
             remarks=tuple(self._remarks(left_over)),
             left_over=left_over,
             pattern=pattern,
@@ -201,8 +201,8 @@ class _Report:
         """Components of one name beside what is adopted."""
         component = self.components[numbers[0]]
         parameters, effects = self._values(numbers)
-        after = self._with((*adopted, *effects))
-        after_mm = after.rms_mm(after.left) if after else before_mm
+        leftover = self._with((*adopted, *effects))
+        after_mm = leftover.rms_mm(leftover.left) if leftover else before_mm
         kind, title = str(Kind.GROSS_ERROR), BARS_DIFFER
         if component.candidate:
             kind, title = str(component.candidate.kind), component.candidate.title
@@ -223,8 +223,10 @@ class _Report:
         well one that machines may have goes first: where a screw grows, a bar would have to shrink.
         """
         weights = self._weights(name)
-        best, *others = descending(sorted(weights), weights.__getitem__)
-        as_good = [numbers for numbers in others if weights[numbers] > AS_GOOD * weights[best]]
+        best, *other_models = descending(sorted(weights), weights.__getitem__)
+        as_good = [
+            numbers for numbers in other_models if weights[numbers] > AS_GOOD * weights[best]
+        ]
         return next(filter(self._may_be, (best, *as_good)), best)
 
     def _may_be(self, numbers: tuple[int, ...]) -> bool:
@@ -281,7 +283,7 @@ class _Report:
     def _left_over(
         self,
         adopted: tuple[EffectInstance, ...],
-        after: Leftover | None,
+        leftover: Leftover | None,
     ) -> ModelDiscrepancy | None:
         """The likeliest law without a name, where it is likely that one acts."""
         models = self.posterior.models
@@ -294,11 +296,15 @@ class _Report:
         if self.answer.verdict not in WITH_RESIDUALS or lawful <= EVEN * self.claims.missing:
             return None
         law = descending([*likely], likely.__getitem__)[0]
-        beside = after or self.before
-        finding = self._finding((law,), likely[law], adopted, beside.rms_mm(beside.left))
+        model_leftover = leftover or self.before
+        finding = self._finding(
+            (law,), likely[law], adopted, model_leftover.rms_mm(model_leftover.left)
+        )
         if not finding.lowers_the_gap:  # guessed names may already do what it does: by itself
-            adopted, beside = (), self.before
-            finding = self._finding((law,), likely[law], adopted, beside.rms_mm(beside.left))
+            adopted, model_leftover = (), self.before
+            finding = self._finding(
+                (law,), likely[law], adopted, model_leftover.rms_mm(model_leftover.left)
+            )
         if not finding.lowers_the_gap:
             return None
         together = (*adopted, *finding.effects)
@@ -312,13 +318,13 @@ class _Report:
         return on_other_sessions(self.before, self.others, effects, self.timed)
 
     def _held_out(
-        self, adopted: tuple[EffectInstance, ...], after: Leftover | None
+        self, adopted: tuple[EffectInstance, ...], leftover: Leftover | None
     ) -> HeldOutGap | None:
         if self.others:
             return self._elsewhere(adopted)
-        if not after or self.answer.verdict == "cannot-tell":  # a guess would predict itself
+        if not leftover or self.answer.verdict == "cannot-tell":  # a guess would predict itself
             return None
-        return left_out_postures(self.posterior, self.before, after, adopted)
+        return left_out_postures(self.posterior, self.before, leftover, adopted)
 
     def _contenders(self) -> Iterator[Contender]:
         """Places that may act and are not named, the likeliest first."""
@@ -481,8 +487,10 @@ class _Report:
             (parameter,), unit = component.candidate.parameters, float(component.unit[0])
             size = unit * (_needed(length, component.log_prior) + SEEN_9_OF_10) / length
             size = max(size, WITHIN * beyond.get(component.shares[0].effect, 0.0))
-            before = smallest.setdefault(component.id, None)
-            if size <= min(NO_SIZE * unit, parameter.limit) and (not before or size < before.size):
+            size_before = smallest.setdefault(component.id, None)
+            if size <= min(NO_SIZE * unit, parameter.limit) and (
+                not size_before or size < size_before.size
+            ):
                 smallest[component.id] = Detectable(component.id, size, parameter.unit)
         return smallest
 

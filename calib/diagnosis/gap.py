@@ -210,8 +210,8 @@ class Leftover:
     def explained_by(self, rows: FloatArray) -> FloatArray:
         """Orthonormal directions ``(n, r)`` of what rows ``(n, k)`` do beside the base."""
         remainder = self.about.left_by(rows)
-        size, before = lengths(remainder), lengths(rows)
-        visible = size > VISIBLE * np.maximum(before, VISIBLE)
+        size, lengths_before = lengths(remainder), lengths(rows)
+        visible = size > VISIBLE * np.maximum(lengths_before, VISIBLE)
         return basis_of(remainder[:, visible] / size[visible], DEPENDENT)
 
     def conditions(self, name: str) -> NDArray[Any]:
@@ -332,12 +332,12 @@ def _patterns(leftover: Leftover) -> Iterator[tuple[str, FloatArray]]:
 def _side_by_side(parts: Sequence[FloatArray]) -> list[FloatArray]:
     """Columns of each session beside zeros for those of the others."""
     widths = [part.shape[1] for part in parts]
-    before = np.cumsum([0, *widths])
+    starts = np.cumsum([0, *widths])
     return [
         np.hstack(
-            [np.zeros((len(p), start)), p, np.zeros((len(p), before[-1] - start - p.shape[1]))]
+            [np.zeros((len(p), start)), p, np.zeros((len(p), starts[-1] - start - p.shape[1]))]
         )
-        for p, start in zip(parts, before[:-1].tolist(), strict=True)
+        for p, start in zip(parts, starts[:-1].tolist(), strict=True)
     ]
 
 
@@ -361,10 +361,10 @@ def where_words(shares: tuple[GapPart, ...]) -> str:
     return ", ".join(parts) or f"most on {significant[0].leg or ''}{significant[0].axis or ''}"
 
 
-def residuals(before: Leftover, after: Leftover | None) -> CellResiduals:
+def residuals(plain: Leftover, adopted: Leftover | None) -> CellResiduals:
     """Means of each place of the readings, before and after effects were adopted."""
     names = ("leg", "axis", "station", "displacement_mm", "approach")
-    columns = [*map(before.conditions, names), *before.conditions("position_mm").T]
+    columns = [*map(plain.conditions, names), *plain.conditions("position_mm").T]
     keys = [column.astype(np.float64).round(4) for column in columns]
     cell = numbered(*keys)
     first, count = np.unique(cell, return_index=True)[1], np.bincount(cell)
@@ -373,9 +373,9 @@ def residuals(before: Leftover, after: Leftover | None) -> CellResiduals:
         off_mm = np.concatenate(leftover.cells_mm(leftover.left))
         return np.asarray(np.bincount(cell, off_mm) / count)
 
-    variance = np.concatenate([cells.variance_mm2 for cells in before.sessions])
+    variance = np.concatenate([cells.variance_mm2 for cells in plain.sessions])
     noise = np.sqrt(np.bincount(cell, variance)) / count
-    earlier, later = means_mm(before), None if after is None else means_mm(after)
+    earlier, later = means_mm(plain), None if adopted is None else means_mm(adopted)
     values = zip(
         np.column_stack(keys)[first].tolist(),
         earlier.tolist(),

@@ -41,18 +41,20 @@ def on_other_sessions(
     """
     try:
         fitted = Leftover.of(leftover.sessions, effects, timed)
-        before = Leftover.of(held_out_sessions, leftover.resized(), timed, leftover.bars())
-        after = Leftover.of(held_out_sessions, (*effects, *fitted.resized()), timed, fitted.bars())
+        plain = Leftover.of(held_out_sessions, leftover.resized(), timed, leftover.bars())
+        adopted = Leftover.of(
+            held_out_sessions, (*effects, *fitted.resized()), timed, fitted.bars()
+        )
     except CalibrationError:
         return None
     how = "sessions that were not used"
-    return HeldOutGap(how, before.rms_mm(before.left), after.rms_mm(after.left), before.noise_mm)
+    return HeldOutGap(how, plain.rms_mm(plain.left), adopted.rms_mm(adopted.left), plain.noise_mm)
 
 
 def left_out_postures(
     posterior: Posterior,
-    before: Leftover,
-    after: Leftover,
+    plain: Leftover,
+    fitted: Leftover,
     adopted: Sequence[EffectInstance],
     kinds: Collection[str] = NAMES,
 ) -> HeldOutGap | None:
@@ -60,18 +62,18 @@ def left_out_postures(
     anew, fit, predict what was left out.
 
     Chosen among single components of these ``kinds``, names unless laws are allowed, too, and the
-    sets of them that all readings leave possible. All is about the machine ``after`` with the
+    sets of them that all readings leave possible. All is about the machine ``fitted`` with the
     effects ``adopted``: a large one is far from its derivatives without.
     Zeros come from the rest of each mounting. None where nothing can be left out.
     """
-    return _LeftOut(posterior, before, _linear_with(posterior, after, adopted), kinds).gap()
+    return _LeftOut(posterior, plain, _linear_with(posterior, fitted, adopted), kinds).gap()
 
 
 def _linear_with(
-    posterior: Posterior, after: Leftover, adopted: Sequence[EffectInstance]
+    posterior: Posterior, leftover: Leftover, adopted: Sequence[EffectInstance]
 ) -> LinearSessions:
     """The sessions about the machine with these effects, as if it had none of them."""
-    lengths, offsets = np.split(after.rows.value, [LENGTHS])
+    lengths, offsets = np.split(leftover.rows.value, [LENGTHS])
     models = []
     for cells, offsets_mm in zip(posterior.sessions, offsets.reshape(-1, 3), strict=True):
         nominal = cells.case.model
@@ -109,12 +111,12 @@ class _LeftOut:
             count += len(rows)
         if not count:
             return None
-        before, after = np.sqrt(squares / count).tolist()
+        rms_before, rms_after = np.sqrt(squares / count).tolist()
         of_tool = self.leftover.conditions("leg") == TOOL
         parts = [] if of_tool.all() else ["one side of one leg"]
         parts += ["all places on one side of Zero"] if of_tool.any() else []
         how = f"{' or '.join(parts)} left out at a time, the choice made again each time"
-        return HeldOutGap(how, before, after, math.sqrt(noise / count))
+        return HeldOutGap(how, rms_before, rms_after, math.sqrt(noise / count))
 
     def _groups(self) -> Iterator[IntArray]:
         """Cells of one leg on one side of Zero, in all sessions; of the tool along a coordinate."""
@@ -163,8 +165,8 @@ class _LeftOut:
         linear = self.linear
         rows = linear.rows
         used_rows = np.setdiff1d(np.arange(len(rows.residual)), out_rows)
-        beside = self._base.shape[1] - len(rows.value)
-        expected = np.concatenate([np.zeros(beside), expected_base(rows)])
+        model_count = self._base.shape[1] - len(rows.value)
+        expected = np.concatenate([np.zeros(model_count), expected_base(rows)])
         about = About.of(self._base[used_rows], rows.residual[used_rows], expected)
         columns = about.left_by(linear.columns[used_rows])
         products = Products(

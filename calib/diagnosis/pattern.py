@@ -160,19 +160,19 @@ class _Patterns:
     def chance_of_permutations(self) -> float:
         """The chance where set-ups read alike change places in all sessions but the first."""
         generator = np.random.default_rng(SEED)
-        drawn = np.repeat(self.means[None], DRAWS, axis=0)
+        samples = np.repeat(self.means[None], DRAWS, axis=0)
         for count in {len(rows) for rows in self.setups}:
             alike = np.array([rows for rows in self.setups if len(rows) == count])
             for k in range(1, len(self.means)):
                 order = np.argsort(generator.random((DRAWS, len(alike))), axis=1)
-                drawn[:, k, alike.ravel()] = self.means[k][alike[order]].reshape(DRAWS, -1)
-        white = self.base.left_by((self.root * drawn).reshape(-1, len(self.root)).T).T
-        return self._reached(white.reshape(*drawn.shape[:2], -1))
+                samples[:, k, alike.ravel()] = self.means[k][alike[order]].reshape(DRAWS, -1)
+        white = self.base.left_by((self.root * samples).reshape(-1, len(self.root)).T).T
+        return self._reached(white.reshape(*samples.shape[:2], -1))
 
-    def _reached(self, drawn: FloatArray) -> float:
+    def _reached(self, samples: FloatArray) -> float:
         """How often patterns ``(draws, m, k)`` are as much alike; a tie counts."""
-        reached = np.count_nonzero(_shares(drawn) >= self.common_share - TIE)
-        return float((1 + reached) / (1 + len(drawn)))
+        reached = np.count_nonzero(_shares(samples) >= self.common_share - TIE)
+        return float((1 + reached) / (1 + len(samples)))
 
     def pair(self, i: int, j: int, numbers: tuple[int, int]) -> PatternPair:
         """What is left of session j when the pattern of i, made as large as fits, is taken off."""

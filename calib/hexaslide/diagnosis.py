@@ -522,8 +522,8 @@ def _cause_sizes(
         cause = causes[k]
         for name in cause.names:
             value, deviation = next(values)
-            words = f"{cause.where}, {name}"
-            yield CauseSize(words, cause.size * value, cause.size * deviation, cause.unit)
+            label = f"{cause.where}, {name}"
+            yield CauseSize(label, cause.size * value, cause.size * deviation, cause.unit)
 
 
 def _at_platform(models: WeighedCauses, entry: RaceEntry, mean: FloatArray) -> float:

@@ -175,11 +175,11 @@ def explanations(
     are other sliders ``(6,)`` in which the machine may have stood, with their words.
     """
     first, ways = _first(readings), []
-    stood = ((words, replace(first, sliders=row[None])) for words, row in elsewhere)
-    for words, readings_beside in chain(other_ways(first), stood):
+    stood = ((label, replace(first, sliders=row[None])) for label, row in elsewhere)
+    for label, readings_beside in chain(other_ways(first), stood):
         departure = expectation.departure(readings_beside)
         if departure is not None and departure.p_value > PLAUSIBLE:
-            ways.append(words)
+            ways.append(label)
     return tuple(ways)
 
 

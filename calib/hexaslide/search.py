@@ -361,7 +361,7 @@ def searches(
             space.upper,
             aim,
             sharpness=SHARPNESS,
-            beside=space.beyond,
+            penalty=space.beyond,
             progress=lambda count, parts: progress(number + count / parts, search.starts),
         )
         refined_postures = _taken_back(space, begin, refined_postures, aim)

@@ -137,7 +137,7 @@ def identify(
     if within_mm is not None:
         tolerance = np.concatenate([within_mm, np.full(len(case.sizes), np.inf)])
         spread = spread.with_prior(visits, weight, fit.design, tolerance)
-    before = measured.of(model.readings(visits))
+    nominal_mm = measured.of(model.readings(visits))
     predicted = measured.of(fit.predicted_mm)
     k, coverage = len(free), coverage_factors(spread.degrees_of_freedom)
     system = measured.combine @ fit.design
@@ -161,7 +161,7 @@ def identify(
         differences=measured,
         difference_uncertainty_mm=uncertainties(measured.combine, visits, noise),
         predicted_mm=predicted,
-        rms_before_mm=_rms(measured.value_mm - before),
+        rms_before_mm=_rms(measured.value_mm - nominal_mm),
         rms_after_mm=_rms(measured.value_mm - predicted),
         degrees_of_freedom=(
             _independent(measured, visits)
@@ -218,13 +218,13 @@ def _efficient_fit(
             )
     if within_mm is not None:
         return prior_fit(model, visits, weight, within_mm, sizes, begin)
-    more = MORE_PLACES if few_contacts(visits) else ""
+    advice = MORE_PLACES if few_contacts(visits) else ""
     linear = weighted_fit(model, visits, free, weight)
-    refuse_unseen(_identifiability(case, weight, linear.design, free, noise), subset, more)
+    refuse_unseen(_identifiability(case, weight, linear.design, free, noise), subset, advice)
     if method == "linear":
         return linear
     exact = exact_fit(model, visits, free, weight, sizes, begin)
-    refuse_unseen(_identifiability(case, weight, exact.design, free, noise), subset, more)
+    refuse_unseen(_identifiability(case, weight, exact.design, free, noise), subset, advice)
     return exact
 
 

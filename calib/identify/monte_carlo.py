@@ -114,7 +114,9 @@ def simulate_and_identify(campaign: Campaign, sessions: int, seed: int) -> Monte
     kind = _Kind.of(campaign)
     chunks = [(start, min(start + CHUNK, sessions)) for start in range(0, sessions, CHUNK)]
     parts = in_parallel(lambda chunk: kind.sums(seed, *chunk), chunks)
-    good, covered, product, stated = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
+    good, covered, product, stated_variance = (
+        np.sum(part, axis=0) for part in zip(*parts, strict=True)
+    )
     judged = max(int(good), 1)
     return MonteCarlo(
         names=tuple(PARAMETER_NAMES[k] for k in campaign.free),
@@ -122,7 +124,7 @@ def simulate_and_identify(campaign: Campaign, sessions: int, seed: int) -> Monte
         failed=sessions - int(good),
         covered=covered / judged,
         error_covariance_mm2=product / judged,
-        stated_mm=np.sqrt(stated / judged),
+        stated_mm=np.sqrt(stated_variance / judged),
     )
 
 

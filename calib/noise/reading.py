@@ -282,8 +282,8 @@ def reading_noise(
         return None if only_steps else indicator.noise(visits.indicator_count)
     if float(squares.sum()) <= arithmetic_mm2(visits) * free.sum():
         count = visits.indicator_count
-        stated = indicator.noise(count) or IndicatorFigures(resolution_mm=step).noise(count)
-        return replace(stated, repeated="equal") if stated else None
+        stated_noise = indicator.noise(count) or IndicatorFigures(resolution_mm=step).noise(count)
+        return replace(stated_noise, repeated="equal") if stated_noise else None
     estimates = _noise_of_indicators(squares, free, step)
     scatter = sum(estimate.repeatability_mm2 for estimate in estimates)
     rounding = sum(estimate.quantisation_mm2 for estimate in estimates)
@@ -315,8 +315,8 @@ def _noise_of_indicators(
         quiet = quiet[:-1]
     pooled = _split(float(squares[quiet].sum()), float(free[quiet].sum()), step)
     alone = len(quiet) < len(judged)
-    everybody = _split(float(squares.sum()), float(free.sum()), step) if alone else pooled
-    estimates = [everybody] * len(free)
+    noise_of_all = _split(float(squares.sum()), float(free.sum()), step) if alone else pooled
+    estimates = [noise_of_all] * len(free)
     for k in judged:
         indicator_noise = _split(float(squares[k]), float(free[k]), step)
         estimates[k] = pooled if k in quiet else indicator_noise

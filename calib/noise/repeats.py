@@ -88,8 +88,8 @@ class Repeats:
         leverage = visits.averaged / np.bincount(cell, visits.averaged)[cell]
         cycles: list[tuple[IntArray, FloatArray]] = []
         for rows in visits.mountings:
-            many = len(np.unique(visits.cycle[rows])) > MOST_CYCLES
-            drift = _rate if steady or many else _cycles
+            many_cycles = len(np.unique(visits.cycle[rows])) > MOST_CYCLES
+            drift = _rate if steady or many_cycles else _cycles
             basis = _beside_cells(visits, rows, cell[rows], drift(visits, rows))
             cycles.append((rows, basis))
             leverage[rows] += (basis * basis).sum(axis=1)
@@ -205,11 +205,11 @@ def typical_mm2(repeats: Repeats) -> FloatArray | None:
     following[starts + sizes - 1] = order[starts]
     once = np.repeat(sizes > 2, sizes)  # of two the way there and back is one difference
     once[starts[sizes == 2]] = True
-    here, there = order[once], following[once]
+    here, next_rows = order[once], following[once]
     if not len(here):
         return None
-    weight = 1.0 / observations.averaged[here] + 1.0 / observations.averaged[there]
-    apart = np.abs(observations.value_mm[here] - observations.value_mm[there]) / np.sqrt(weight)
+    weight = 1.0 / observations.averaged[here] + 1.0 / observations.averaged[next_rows]
+    apart = np.abs(observations.value_mm[here] - observations.value_mm[next_rows]) / np.sqrt(weight)
     mount = observations.mount[here]
     typical = np.full(observations.mount_count, np.nan)
     for number in np.unique(mount):

@@ -59,8 +59,8 @@ def serial_correlation(
     squares, log_determinants, free = np.zeros(len(RHOS)), np.zeros(len(RHOS)), 0
     for rows in observations.mountings:
         order = np.linspace(-1.0, 1.0, len(rows))[:, None]
-        beside = np.hstack([incidence(numbered(cell[rows])), order])
-        whitened = root[rows, None] * beside
+        columns = np.hstack([incidence(numbered(cell[rows])), order])
+        whitened = root[rows, None] * columns
         basis = basis_by_products(whitened / lengths(whitened))
         if len(rows) <= basis.shape[1]:
             continue
@@ -85,9 +85,9 @@ def _beside(basis: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArra
     The logarithms ``(g,)`` of those of the errors and of the basis among them, together.
     """
     columns = np.column_stack([basis, value])
-    now, before = columns[1:], columns[:-1]
-    crossed, rho = now.T @ before, RHOS[:, None, None]
-    products = now.T @ now - rho * (crossed + crossed.T) + rho**2 * (before.T @ before)
+    now, previous = columns[1:], columns[:-1]
+    crossed, rho = now.T @ previous, RHOS[:, None, None]
+    products = now.T @ now - rho * (crossed + crossed.T) + rho**2 * (previous.T @ previous)
     products = products / (1.0 - rho**2) + np.outer(columns[0], columns[0])
     inside, across = products[:, :-1, :-1], products[:, :-1, -1:]
     explained = (across * np.linalg.solve(inside, across)).sum(axis=(1, 2))

@@ -136,11 +136,11 @@ def readings_apart(screen: Screen) -> Iterator[Scored]:
         name, title = suspect.id, suspect.title
         if name == "wild_reading" and not contacts:
             row = int(suspect.groups[0][0])
-            chance, words = _other_label(visits, row, float(root[row]))
+            chance, label = _other_label(visits, row, float(root[row]))
             if chance > density[0]:
                 name, title, density = (
                     "label_error",
-                    f"{title}; it fits {words}",
+                    f"{title}; it fits {label}",
                     np.array([chance]),
                 )
         log_prior = math.log(PRIOR[name] / suspect.places) + float(np.log(density).sum())
@@ -186,8 +186,8 @@ def _postures_off(screen: Screen) -> Iterator[_Apart]:
     posture = numbered(visits.mount, visits.level, *visits.position_mm.T)
     rows = rows_of(posture)
     of_mount = visits.mount[[int(members[0]) for members in rows]]
-    many = np.bincount(of_mount)[of_mount] >= FEW_POSTURES
-    candidates = many & (np.bincount(posture) > 1)
+    enough = np.bincount(of_mount)[of_mount] >= FEW_POSTURES
+    candidates = enough & (np.bincount(posture) > 1)
     if not candidates.any():
         return
     count = len(visits)
@@ -227,10 +227,10 @@ def _other_label(visits: Observations, row: int, deviation_mm: float) -> tuple[f
     nearest = int(same_label[off.argmin()])
     labels = len(np.unique(np.column_stack([mount, level])[same_label], axis=0))
     chance = math.exp(-(float(off.min()) ** 2) / 4.0) / (math.sqrt(4.0 * math.pi) * deviation_mm)
-    words = visits.posture_words(nearest)
+    label = visits.posture_words(nearest)
     if mount[nearest] != mount[row]:
-        words = f"leg {TOUCHED_LETTERS[visits.leg[nearest]].upper()}"
-    return chance / labels, words
+        label = f"leg {TOUCHED_LETTERS[visits.leg[nearest]].upper()}"
+    return chance / labels, label
 
 
 def _first_takes(visits: Observations) -> Iterator[_Apart]:

@@ -207,8 +207,8 @@ class SessionCase:
         beyond = {law: size for (law, _), size in self.geometry.items()}
         if SHAPES[0] in beyond:
             beyond[ROUND] = beyond[SHAPES[0]]
-        stated = self.as_stated.bars != "each"
-        return beyond | {LegLength(): math.inf if stated else float(self.tolerance_mm[3:].max())}
+        each_bar = self.as_stated.bars != "each"
+        return beyond | {LegLength(): math.inf if each_bar else float(self.tolerance_mm[3:].max())}
 
     @property
     def shows(self) -> bool:
@@ -356,14 +356,14 @@ class Cells:
         """The fitted model, what geometry does within its tolerances being a part of the noise."""
         model, root = self.case.model, self.case.base_root
         for _ in range(STEPS):
-            beside = LittleOfAll(self.whitened(_by_geometry(self.case, model, self.means)))
+            little = LittleOfAll(self.whitened(_by_geometry(self.case, model, self.means)))
             rows = np.column_stack(
                 [
                     self.means.value_mm - model.readings(self.means),
                     design_of(model, self.means, range(BASE), ()) @ root,
                 ]
             )
-            rows = beside.whitened(self.whitened(rows))
+            rows = little.whitened(self.whitened(rows))
             expected_mm = np.subtract(self.case.model.parameters_mm, model.parameters_mm)
             expected = np.asarray(np.linalg.solve(root, expected_mm), dtype=np.float64)
             about = About.of(rows[:, 1:], rows[:, 0], expected)
@@ -458,8 +458,8 @@ def _likeliest_mm2(case: SessionCase, visits: Observations) -> float:
     likelihood = -0.5 * (np.log(variances) + along / variances).sum(axis=1)
     # all other directions only scatter; of each mounting one is its zero, which nothing does
     degrees = len(visits) - len(singular) - visits.mount_count
-    beside = max(float(centred[:, 0] @ centred[:, 0] - along.sum()), 0.0)
-    likelihood -= degrees * np.log(SCATTERS_MM) + 0.5 * beside / SCATTERS_MM**2
+    residual_mm2 = max(float(centred[:, 0] @ centred[:, 0] - along.sum()), 0.0)
+    likelihood -= degrees * np.log(SCATTERS_MM) + 0.5 * residual_mm2 / SCATTERS_MM**2
     if visits.contact.all():
         likelihood -= 0.5 * (np.log(SCATTERS_MM / PROBED_MM) / math.log(PROBED_TIMES)) ** 2
     return float(SCATTERS_MM[likelihood.argmax()] ** 2)

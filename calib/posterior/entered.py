@@ -48,15 +48,15 @@ def values_of(field: ToolField, model: Model) -> FloatArray:
     return values
 
 
-def offsets_beside(kept: Model, machine: Model, frame: Frame) -> tuple[FloatArray, float]:
-    """Joint offsets ``(3,)`` that leave a machine least where the controller holds ``kept``, too.
+def offsets_beside(model: Model, machine: Model, frame: Frame) -> tuple[FloatArray, float]:
+    """Joint offsets ``(3,)`` that leave a machine least where the controller holds ``model``, too.
 
     With what they leave at the tool, r.m.s. over the workspace in the frame, mm. What is kept is a
     part of the machine.
     """
     laws = dict.fromkeys((acting.effect, acting.place) for acting in effects_of_tool(machine))
     field = tool_field(machine.geometry, tuple(laws))
-    off, entered = values_of(field, machine) - values_of(field, kept), np.zeros(len(field.rows[0]))
+    off, entered = values_of(field, machine) - values_of(field, model), np.zeros(len(field.rows[0]))
     entered[list(OFFSETS)] = projector_of(field, OFFSETS, frame) @ off
     return entered[list(OFFSETS)], math.sqrt(mean_square(field.metrics[frame], off - entered))
 

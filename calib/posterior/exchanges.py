@@ -100,10 +100,10 @@ def _tables(visits: Observations) -> Iterator[LabelExchange]:
     stations = np.unique(visits.station[visits.leg >= 0]).tolist()
     sets = [[station] for station in stations] + ([stations] if len(stations) > 1 else [])
     for alike in sets:
-        there = np.isin(visits.station, alike) & ~visits.over_plane
+        at_station = np.isin(visits.station, alike) & ~visits.over_plane
         at = "" if len(alike) == len(stations) else f" at station {alike[0]:g}"
         tables = {
-            (leg, axis): np.flatnonzero(there & (visits.leg == leg) & (visits.axis == axis))
+            (leg, axis): np.flatnonzero(at_station & (visits.leg == leg) & (visits.axis == axis))
             for leg, axis in product(LEGS, LEGS)
             if leg != axis
         }
@@ -154,11 +154,11 @@ def _postures(visits: Observations) -> Iterator[LabelExchange]:
         for members in sets:
             where = place_of(visits, int(members[0][0]))[: 2 if len(members) == 1 else 1]
             count = len(members[0])
-            for (here, there), when in pairs.items():
-                if max(*here, *there) < count:
+            for (here, partners), when in pairs.items():
+                if max(*here, *partners) < count:
                     first, second = (
                         np.concatenate([rows[list(places)] for rows in members])
-                        for places in (here, there)
+                        for places in (here, partners)
                     )
                     yield LabelExchange("postures_exchanged", where, when, first, second)
 
@@ -183,10 +183,10 @@ def _pairs(cycle: IntArray, level: IntArray) -> dict[tuple[Places, Places], str]
         places_by_time = {
             when: _paired(rows, level[rows], first, second, last) for when, rows in cycles.items()
         }
-        here, there = (
+        here, partners = (
             tuple(i for pair in places_by_time.values() for i in pair[side]) for side in range(2)
         )
-        for when, pair in {**places_by_time, "all cycles": (here, there)}.items():
+        for when, pair in {**places_by_time, "all cycles": (here, partners)}.items():
             if pair[0]:
                 pairs.setdefault((min(pair), max(pair)), when)
     return pairs
@@ -196,8 +196,8 @@ def _paired(
     places: IntArray, level: IntArray, first: int, second: int, last: bool
 ) -> tuple[Places, Places]:
     """Visits of two postures in a cycle, as many of each; of more the first or the last."""
-    here, there = places[level == first], places[level == second]
-    count = min(len(here), len(there))
+    here, partners = places[level == first], places[level == second]
+    count = min(len(here), len(partners))
     if last:
-        here, there = here[len(here) - count :], there[len(there) - count :]
-    return tuple(here[:count].tolist()), tuple(there[:count].tolist())
+        here, partners = here[len(here) - count :], partners[len(partners) - count :]
+    return tuple(here[:count].tolist()), tuple(partners[:count].tolist())

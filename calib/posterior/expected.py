@@ -21,8 +21,8 @@ from calib.tripod.pipeline import Model
 from calib.tripod.planning import TripodPlanning
 
 
-def _to_expect(label: str, words: str) -> Quantity:
-    return Quantity(label, "", "uncertainty", 3, words, "not determined")
+def _to_expect(label: str, text: str) -> Quantity:
+    return Quantity(label, "", "uncertainty", 3, text, "not determined")
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ def expected_of(planning: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedR
     # in units of the tolerances, so that a small one beside a large one is no lost direction
     within = tolerance_mm * _half_widths(np.vstack([jacobian * tolerance_mm, np.eye(6)]))
     rows = zip(PARAMETER_NAMES, alone.tolist(), half_widths.tolist(), within.tolist(), strict=True)
-    before = posterior([_nothing_new(planning, tolerance_mm)])
-    offsets = correction(before, "offsets")
+    prior = posterior([_nothing_new(planning, tolerance_mm)])
+    offsets = correction(prior, "offsets")
     parameters = tuple(
         ExpectedParameter(
             name,
@@ -75,7 +75,7 @@ def expected_of(planning: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedR
         )
         for name, kind, six, last in rows
     )
-    worst = _worst(before, offsets.off.values)
+    worst = _worst(prior, offsets.off.values)
     return ExpectedResult(parameters, offsets.off.bound_in("touched-off"), worst)
 
 
@@ -89,13 +89,13 @@ def _nothing_new(planning: TripodPlanning, tolerance_mm: FloatArray) -> SessionC
     return SessionCase(model, replace(expected, averaged=together), figures, tolerance_mm)
 
 
-def _worst(before: Posterior, values: FloatArray) -> tuple[str, str] | None:
+def _worst(prior: Posterior, values: FloatArray) -> tuple[str, str] | None:
     """The name and place of the largest share of the expected square."""
     shares: dict[tuple[str, str] | None, float] = {}
-    distances = before.tool_errors["touched-off"].distances(values).tolist()
-    for model, (weight, square, _) in zip(before.models, distances, strict=True):
+    distances = prior.tool_errors["touched-off"].distances(values).tolist()
+    for model, (weight, square, _) in zip(prior.models, distances, strict=True):
         names: list[tuple[str, str] | None] = [
-            (before.components[k].id, before.components[k].where) for k in model.members
+            (prior.components[k].id, prior.components[k].where) for k in model.members
         ]
         for name in names or [None]:
             shares[name] = shares.get(name, 0.0) + weight * square

@@ -57,8 +57,8 @@ def first_takes_apart(cells: Cells, session: int) -> Mistake | None:
     legs = {TOUCHED_LETTERS[leg] for leg in visits.leg[rows].tolist()}
     where = legs.pop() if len(legs) == 1 else "all"
     groups = [np.array([row]) for row in rows]
-    words = first_take_words(visits)
-    mistake = standing_apart(visits, "first_take", where, words, groups, log_prior)
+    labels = first_take_words(visits)
+    mistake = standing_apart(visits, "first_take", where, labels, groups, log_prior)
     return replace(mistake, session=session)
 
 

@@ -112,27 +112,27 @@ class SolvedSessions(Generic[Solution]):
 
 
 def suspects(
-    before: SolvedSessions[Solution], now: Sequence[Cells], number: int, *, depart: bool
+    solved_sessions: SolvedSessions[Solution], now: Sequence[Cells], number: int, *, depart: bool
 ) -> list[Mistake]:
     """Mistakes of a session by its number that may be likelier than none, the likeliest first.
 
-    ``before`` are the sessions as they are ``now``: mistakes are looked for beside its models, and
-    exchanges beside single names, too; so are readings that stand apart where first takes
-    ``depart`` from their repeats, for something else explains these.
+    They are looked for in the cells ``now``, beside the models of ``solved_sessions``; exchanges
+    beside single names, too. So are readings that stand apart where first takes ``depart`` from
+    their repeats, for something else explains these.
     """
     cells, others_of_now = now[number], [*now[:number], *now[number + 1 :]]
-    beside, log_evidence = before.beside(number, alone=False), before.log_evidence
+    rivals, log_evidence = solved_sessions.beside(number, alone=False), solved_sessions.log_evidence
     root = even_mm(cells)
     alone = [
         Screen.of(model, np.zeros((len(model.means), 0)), even_mm(model)) for model in others_of_now
     ]
     elsewhere = sum(model.square for model in alone), sum(model.freedom for model in alone)
     screens = [
-        replace(Screen.of(cells, model.columns, root), elsewhere=elsewhere) for model in beside
+        replace(Screen.of(cells, model.columns, root), elsewhere=elsewhere) for model in rivals
     ]
     scored: dict[tuple[str, str, str], Scored] = {}
     moved: MovedReadings | None = None
-    for model, screen in zip(beside, screens, strict=True):
+    for model, screen in zip(rivals, screens, strict=True):
         scores = [*readings_apart(screen)]
         fits = screen.freedom + FITS * math.sqrt(2.0 * max(screen.freedom, 0.0))
         # a contact is a place: it has no indicator, sign or unit, and no label beside it
@@ -141,19 +141,19 @@ def suspects(
             scores += moved.scores(screen)
         for score, mistake in scores:
             _keep(scored, model.log_weight + score, mistake)
-    for model in before.beside(number, alone=True) if depart else ():
+    for model in solved_sessions.beside(number, alone=True) if depart else ():
         screen = replace(Screen.of(cells, model.columns, root), elsewhere=elsewhere)
         for score, mistake in readings_apart(screen):
             _keep(scored, model.log_weight + score, mistake)
     if moved is not None:
         for log_weight, mistake in moved.beside_one_name(
-            screens[0], partial(before.with_one_name, number)
+            screens[0], partial(solved_sessions.with_one_name, number)
         ):
             _keep(scored, log_weight, mistake)
     ordered = sorted(scored.values(), key=lambda entry: -entry[0])
     likely = [entry for entry in ordered if entry[0] > log_evidence - DOUBTED][:TRIED]
     if screens[0].square > BENT * screens[0].freedom:
-        likely = _fitted(screens[0], ordered, likely, beside[0].log_weight, log_evidence)
+        likely = _fitted(screens[0], ordered, likely, rivals[0].log_weight, log_evidence)
     best = likely[0][0] if likely else 0.0
     return [mistake for score, mistake in likely if score > best - DOUBTED][:RACED]
 
@@ -365,8 +365,8 @@ def _explained(
         best = max((result.log_weight for _, result in explained), default=0.0)
         alike = (
             result.log_weight
-            for other, result in explained
-            if _of_same_visits(other, way) and _of_same_changes(other, way)
+            for solved_session, result in explained
+            if _of_same_visits(solved_session, way) and _of_same_changes(solved_session, way)
         )
         if max(alike, default=best) < best - HOPELESS:
             continue

@@ -113,8 +113,8 @@ def laws(geometry: Geometry, effects: Sequence[Effect] = CATALOGUE) -> tuple[Eff
         StraightnessOfFourthOrder(),
         Coupling(),
     )
-    beside = (effect for effect in BESIDE_CATALOGUE if effect.id not in STATED_ONLY)
-    return effects_of(dict.fromkeys((*effects, *beside, *nameless)), geometry)
+    further = (effect for effect in BESIDE_CATALOGUE if effect.id not in STATED_ONLY)
+    return effects_of(dict.fromkeys((*effects, *further, *nameless)), geometry)
 
 
 def library(

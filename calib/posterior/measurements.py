@@ -65,17 +65,17 @@ class MeasurementPreparation:
     @property
     def words(self) -> str:
         """An instruction, empty where nothing is changed."""
-        words = [
+        parts = [
             f"add {change:+g} mm to the entered joint offset of {leg.upper()}"
             for leg, change in zip(LEG_NAMES, self.entered_mm, strict=True)
             if change
         ]
         if self.load != 1.0:
-            words.append(
+            parts.append(
                 f"load the tool to {self.load:g} times its weight and note load = {self.load:g} "
                 "in the machine file"
             )
-        return " and ".join(words)
+        return " and ".join(parts)
 
     def model(self, model: Model) -> Model:
         """The machine as it is then."""
@@ -107,16 +107,16 @@ class FurtherMeasurement:
     @property
     def words(self) -> str:
         """The measurement in short."""
-        before = f"{self.preparation.words}; then " if self.preparation.words else ""
+        introduction = f"{self.preparation.words}; then " if self.preparation.words else ""
         if self.procedure:
-            return f"{before}procedure {self.procedure}"
+            return f"{introduction}procedure {self.procedure}"
         levels = ", ".join(f"{level:+g}" if level else "Zero" for level in self.levels_mm)
         legs = "leg " if len(self.legs) == 1 else "legs "
         first = "Zero, " if self.cycles > 1 else ""
         times = f", {self.cycles} times" if self.cycles > 1 else ""
         return (
-            f"{before}{legs}{', '.join(self.legs).upper()}, {self.station:.0%} from the tool end: "
-            f"{first}{levels} mm{times}"
+            f"{introduction}{legs}{', '.join(self.legs).upper()}, "
+            f"{self.station:.0%} from the tool end: {first}{levels} mm{times}"
         )
 
     @property
@@ -132,12 +132,12 @@ class FurtherMeasurement:
         several = self.cycles > 1
         path = [0.0, *self.levels_mm] if several else self.levels_mm
         levels = [f"{level:.1f}" if level else _quoted("zero") for level in path]
-        words = self.preparation.words
+        preparation = self.preparation.words
         return (
             'schema = "glidecal.procedure/1"\n'
             f'name = "next-{"".join(self.legs)}"\n'
             'title = "The measurement that was proposed next"\n'
-            + (f'description = "First {words}."\n' if words else "")
+            + (f'description = "First {preparation}."\n' if preparation else "")
             + f"legs = [{', '.join(_quoted(leg) for leg in self.legs)}]\n"
             f"stations = [{self.station}]\n"
             f"cycles = {self.cycles}\n"
@@ -250,10 +250,10 @@ def levels_within(
 def _farthest(geometry: Geometry, places: Iterable[tuple[int, float]], end_mm: int) -> int:
     """How far from their Zeros, towards an end, all of these legs can go, whole mm."""
     way_mm = np.linspace(0, end_mm, abs(end_mm) + 1)
-    there = (
+    points = (
         geometry.leg_zero_mm[leg] + way_mm[:, None] * geometry.directions[leg] for leg, _ in places
     )
-    stands = np.all([geometry.stands(tool_mm) for tool_mm in there], axis=0)
+    stands = np.all([geometry.stands(tool_mm) for tool_mm in points], axis=0)
     return end_mm if stands.all() else int(way_mm[max(stands.argmin() - 1, 0)])
 
 

@@ -183,8 +183,8 @@ class UpdatedGroup:
     def base(self) -> FloatArray:
         """Covariance of the base ``(q, q)`` at the tool."""
         q = len(self.group.tool_base) // 2
-        before, gained = self.group.tool_base[:q], self.gain[:q]
-        return np.asarray(before @ before.T - gained @ gained.T)
+        tool_base, gained = self.group.tool_base[:q], self.gain[:q]
+        return np.asarray(tool_base @ tool_base.T - gained @ gained.T)
 
     def _departure(self, readings: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Departure of these readings from each model ``(n, M)``, and along its sizes ``(R,)``."""

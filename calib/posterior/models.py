@@ -260,11 +260,11 @@ class Posterior:
     def _for_bounds(self) -> Posterior | None:
         return self._of_models([not model.as_stated.of_firmware for model in self.models])
 
-    def _of_models(self, kept: Sequence[bool]) -> Posterior | None:
+    def _of_models(self, used: Sequence[bool]) -> Posterior | None:
         """The posterior of some of its models; None where that is all of them, or none."""
-        if len(set(kept)) == 1:
+        if len(set(used)) == 1:
             return None
-        models = [model for model, is_kept in zip(self.models, kept, strict=True) if is_kept]
+        models = [model for model, is_kept in zip(self.models, used, strict=True) if is_kept]
         total = math.fsum(model.weight for model in models)
         return replace(self, models=tuple(replace(m, weight=m.weight / total) for m in models))
 
@@ -383,8 +383,8 @@ class Posterior:
     @cached_property
     def _stated_leans(self) -> list[Lean]:
         """Leans of effects that the model of the sessions has."""
-        stated = effects_of_tool(self.sessions[-1].case.model)
-        return self._leans_of((instance.effect, instance.place) for instance in stated)
+        effects = effects_of_tool(self.sessions[-1].case.model)
+        return self._leans_of((instance.effect, instance.place) for instance in effects)
 
     @cached_property
     def _leans(self) -> list[list[Lean]]:

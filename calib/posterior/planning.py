@@ -319,9 +319,9 @@ class Planner:
         share = 1.0 - (seen_mm / bound_mm) ** 2
         if share <= 0.5:
             return None
-        after = {instrument: bound(columns) for instrument, (columns, _) in OUTSIDE.items()}
-        best = min(after, key=lambda instrument: after[instrument])
-        return OutsideMeasurement(best, OUTSIDE[best][1], share, after[best])
+        bounds = {instrument: bound(columns) for instrument, (columns, _) in OUTSIDE.items()}
+        best = min(bounds, key=lambda instrument: bounds[instrument])
+        return OutsideMeasurement(best, OUTSIDE[best][1], share, bounds[best])
 
 
 OUTSIDE: dict[str, tuple[tuple[int, ...], str]] = {

@@ -193,9 +193,9 @@ class PosteriorProblem:
     def _root(self, about: About) -> FloatArray:
         """A root ``(b, b)`` of the covariance of the base; what laws do follows from the others."""
         laws, count = self._laws, len(self.rows.residual)
-        beside = -laws.seen.T @ (about.basis[:count])
+        projected = -laws.seen.T @ (about.basis[:count])
         zeros = np.zeros((len(about.inverse), len(laws.root)))
-        root = np.block([[about.inverse, zeros], [beside, laws.root]])
+        root = np.block([[about.inverse, zeros], [projected, laws.root]])
         return np.asarray(self.base_root @ root)
 
     def _moved(self, about: About, along: FloatArray, remainder: FloatArray) -> FloatArray:
@@ -400,7 +400,7 @@ class PosteriorProblem:
         self, race: Race, entry: RaceEntry, fit: ModelFit, plain_room: float
     ) -> tuple[ModelFit, float]:
         """The fit about the model's own solution, and the log evidence that this gains."""
-        before = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
+        evidence_before = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
         try:
             models = self._models(entry, fit.mean)
             beyond = self._residual(models, entry, fit) - self._linear_residual(entry, fit)
@@ -411,8 +411,8 @@ class PosteriorProblem:
                 models = self._models(entry, fit.mean)
         except (NotIdentifiable, UnreachablePosture, ValueError):
             return fit, 0.0
-        after = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
-        return fit, float(after - before)
+        evidence = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
+        return fit, float(evidence - evidence_before)
 
     def _values(self, entry: RaceEntry, mean: FloatArray) -> list[FloatArray]:
         """Values of each member."""

@@ -81,11 +81,11 @@ class Products:
     square: float
     room: float = 0.0
 
-    def taken_by(self, index: IntArray, scale: FloatArray, beside: slice) -> ExplainedPart:
-        """What columns ``(r,)`` of these scales ``(r,)`` take over of those ``beside``."""
+    def taken_by(self, index: IntArray, scale: FloatArray, columns: slice) -> ExplainedPart:
+        """What columns ``(r,)`` of these scales ``(r,)`` take over of these ``columns``."""
         block = np.eye(len(index)) + scale[:, None] * self.inner[np.ix_(index, index)] * scale
         root = np.linalg.cholesky(block)
-        products = np.column_stack([self.inner[index][:, beside], self.along[index]])
+        products = np.column_stack([self.inner[index][:, columns], self.along[index]])
         explained = np.linalg.solve(root, scale[:, None] * products)
         return ExplainedPart(
             explained[:, :-1], explained[:, -1], -float(np.log(root.diagonal()).sum())
@@ -141,11 +141,11 @@ class Race:
         log_weight = float(self.log_evidence(square, room)) + cost
         return RaceEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log_weight)
 
-    def _explained_part(self, key: Key, beside: slice) -> ExplainedPart:
+    def _explained_part(self, key: Key, columns: slice) -> ExplainedPart:
         index = np.concatenate([np.zeros(0, np.intp), *(self.columns[k] for k, _ in key)])
         scale_of_columns = [np.full(len(self.columns[k]), scale) for k, scale in key]
         return self.products.taken_by(
-            index, np.concatenate([np.zeros(0), *scale_of_columns]), beside
+            index, np.concatenate([np.zeros(0), *scale_of_columns]), columns
         )
 
     def best_singles(
@@ -186,7 +186,7 @@ class Race:
     def one_more(self, key: Key = ()) -> tuple[FloatArray, FloatArray]:
         """What is left and the room ``(scales, components)`` of each beside a model."""
         explained = self._explained_part(key, slice(None))
-        beside = self.products.along - explained.along @ explained.shown
+        along = self.products.along - explained.along @ explained.shown
         remainder = self.products.square - float(explained.along @ explained.along)
         square = np.empty((len(SCALES), len(self.columns)))
         room = np.empty_like(square)
@@ -195,7 +195,7 @@ class Race:
             overlap = explained.shown[:, index]
             blocks = inner - np.einsum("rmi,rmj->mij", overlap, overlap)
             root = np.linalg.cholesky(np.eye(index.shape[1]) + scales**2 * blocks)
-            own_along = np.linalg.solve(root, scales * beside[index][:, :, None])
+            own_along = np.linalg.solve(root, scales * along[index][:, :, None])
             square[:, members] = remainder - (own_along**2).sum(axis=(2, 3))
             room[:, members] = -np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=2)
         return square, self.products.room + explained.room + room

@@ -198,7 +198,7 @@ def table_of(model: Model, joint: int) -> Table | None:
     for count in range(2, MOST_POINTS + 1):
         points = np.linspace(fine[0], fine[-1], count)
         table = Table(points, *(np.interp(points, fine, error) for error in errors))
-        left_mm = max(np.abs(left).max() for left in table.left_mm(fine, errors))
+        left_mm = max(np.abs(residuals_mm).max() for residuals_mm in table.left_mm(fine, errors))
         if left_mm < INTERPOLATION_MM:
             return table
     if left_mm < LEFT_BY_TABLE * largest_mm:

@@ -74,10 +74,10 @@ def _curve(
         lines = tuple(_joined(at, value_mm - left_mm, visits, plane=plane))
     else:
         at, level_mm = visits.displacement_mm, 0.0
-        drawn = _drawn(model, visits)
-        level_mm = float(np.mean([np.interp(0.0, *line.T) for line in drawn]))
+        drawn_lines = _drawn(model, visits)
+        level_mm = float(np.mean([np.interp(0.0, *line.T) for line in drawn_lines]))
         value_mm = value_mm - level_mm
-        lines = tuple(line - [0.0, level_mm] for line in drawn)
+        lines = tuple(line - [0.0, level_mm] for line in drawn_lines)
     return LegCurve(
         leg=int(visits.leg[0]),
         axis=int(visits.axis[0]),

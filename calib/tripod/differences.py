@@ -114,9 +114,9 @@ def differences(geometry: Geometry, observations: Observations) -> Differences:
     commanded = np.where(
         observations.contact, observations.position_mm[rows, observations.axis], 0.0
     )
-    beside = combine @ commanded
-    value_mm = combine @ observations.value_mm - beside
-    return Differences(_unlike(_names(geometry, keys)), combine, value_mm, beside)
+    expected = combine @ commanded
+    value_mm = combine @ observations.value_mm - expected
+    return Differences(_unlike(_names(geometry, keys)), combine, value_mm, expected)
 
 
 def _matrix(rows: list[list[Terms]], reading_count: int) -> csr_array:

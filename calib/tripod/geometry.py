@@ -375,8 +375,8 @@ class Geometry:
         At Zero, displacement 0, the indicator is mounted (papers/000, section 4.1).
         """
         low, high = np.array(self.usable_bar)[leg].T
-        there = self.touched(leg, station, displacement_mm)
-        return np.asarray((there >= low - UNIT) & (there <= high + UNIT))
+        point = self.touched(leg, station, displacement_mm)
+        return np.asarray((point >= low - UNIT) & (point <= high + UNIT))
 
     def span_mm(self, leg: int, station: float) -> Pair:
         """Lowest and highest displacement where joint limits and the bar allow a set-up.
@@ -451,8 +451,8 @@ def trilaterate(
     """
     # coordinate by coordinate: three together are too few for arrays to be quick
     origin, second, third = ([foot_mm[..., leg, k] for k in range(3)] for leg in range(3))
-    to_second = [there - here for there, here in zip(second, origin, strict=True)]
-    to_third = [there - here for there, here in zip(third, origin, strict=True)]
+    to_second = [end - here for end, here in zip(second, origin, strict=True)]
+    to_third = [end - here for end, here in zip(third, origin, strict=True)]
     square = leg_length_mm * leg_length_mm
     along_second = (_square(to_second) + square[..., 0] - square[..., 1]) / 2
     along_third = (_square(to_third) + square[..., 0] - square[..., 2]) / 2

@@ -33,10 +33,10 @@ class Switch:
     @property
     def newly_inside(self) -> bool:
         """Whether the joint reaches it within its limits after the change and did not before."""
-        now, after = self.beyond_now_mm, self.beyond_after_mm
-        if now is None or after is None:
+        beyond_now_mm, beyond_after_mm = self.beyond_now_mm, self.beyond_after_mm
+        if beyond_now_mm is None or beyond_after_mm is None:
             return False
-        return after < -NOTHING_MM and now >= -NOTHING_MM
+        return beyond_after_mm < -NOTHING_MM and beyond_now_mm >= -NOTHING_MM
 
 
 @dataclass(frozen=True)
@@ -63,18 +63,18 @@ def travel_of(
         at = np.full((1, 3), way * limit_mm)
         return limit_mm + way * float(carriage_error_mm(model, at, way * sense)[0, drive])
 
-    now = after = None
+    limits_now = limits_after = None
     if joint.min_limit_mm is not None and joint.max_limit_mm is not None:
-        after = (joint.min_limit_mm, joint.max_limit_mm)
-        now = (moved_mm(after[0], -1), moved_mm(after[1], 1))
+        limits_after = (joint.min_limit_mm, joint.max_limit_mm)
+        limits_now = (moved_mm(limits_after[0], -1), moved_mm(limits_after[1], 1))
     search = joint.search_sign or 0
     if not search or joint.absolute_encoder:
-        return JointTravel(now, after, None)
+        return JointTravel(limits_now, limits_after, None)
     at_mm = joint.home_offset_mm + entries.home_change_mm
     onto_mm = search * (joint.home_mm - at_mm)
     was_onto = search * (joint.home_mm - joint.home_offset_mm) > NOTHING_MM
     beyond_mm = onto_mm if onto_mm > NOTHING_MM and not was_onto else 0.0
-    return JointTravel(now, after, _switch(joint, at_mm, search), beyond_mm)
+    return JointTravel(limits_now, limits_after, _switch(joint, at_mm, search), beyond_mm)
 
 
 def _switch(joint: ControllerJoint, at_mm: float, search: int) -> Switch:

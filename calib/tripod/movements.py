@@ -50,8 +50,8 @@ def last_movement(geometry: Geometry, conditions: Conditions) -> FloatArray:
     turning = speed**2 < 2.0 * TURNED_MM * bent  # there a carriage is as far up as it goes
     approach = conditions.approach[:, None]
     movement = np.where(turning, np.abs(approach), np.sign(speed) * approach)
-    stated = (conditions.leg == TOOL) | conditions.movement.any(axis=1)
-    return np.where(stated[:, None], conditions.movement, movement)
+    is_stated = (conditions.leg == TOOL) | conditions.movement.any(axis=1)
+    return np.where(is_stated[:, None], conditions.movement, movement)
 
 
 def departures_mm(observations: Observations, least: float = DEPARTS) -> dict[int, float]:

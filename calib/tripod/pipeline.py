@@ -289,9 +289,9 @@ def _own_foot_at_zero(flow: Flow) -> NDArray[Any]:
     return np.asarray(flow.foot_mm[..., own_zero_rows(flow.taken), leg, :])
 
 
-def own_zero_rows(taken: Conditions) -> IntArray:
+def own_zero_rows(visits: Conditions) -> IntArray:
     """The row of the Zero posture of each reading's leg ``(n,)``, from the end."""
-    return np.where(taken.leg == TOOL, -1, taken.leg - len(OWN_ZEROS))
+    return np.where(visits.leg == TOOL, -1, visits.leg - len(OWN_ZEROS))
 
 
 def _joint(flow: Flow) -> FloatArray:
@@ -305,18 +305,18 @@ OWN_ZEROS = (0, 1, 2, TOOL)
 """Legs of the last rows of a flow where each leg has a Zero of its own."""
 
 
-def _append_zero_rows(geometry: Geometry, taken: Conditions) -> Conditions:
+def _append_zero_rows(geometry: Geometry, visits: Conditions) -> Conditions:
     """The conditions with more rows: the Zero postures, in which indicators are mounted."""
     nan = np.nan  # station and axis are some that are valid: these rows are no readings
     zero = {"station": 0.5, "axis": 1, "temperature_c": nan, "mount": -1, "along_mm": nan}
     legs = (0,) if geometry.common_zero else OWN_ZEROS
     arrays = {}
     for name in (f.name for f in fields(Conditions)):
-        before = getattr(taken, name)
-        rows = np.full((len(legs), *before.shape[1:]), zero.get(name, 0), dtype=before.dtype)
+        column = getattr(visits, name)
+        rows = np.full((len(legs), *column.shape[1:]), zero.get(name, 0), dtype=column.dtype)
         if name == "leg":
             rows[:] = legs
-        arrays[name] = np.concatenate([before, rows])
+        arrays[name] = np.concatenate([column, rows])
     return Conditions(**arrays)
 
 

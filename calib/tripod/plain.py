@@ -97,8 +97,8 @@ class TripodDesign:
         over = self.taken.over_plane
         slide = np.where(((legs == TOOL) | over)[:, None], 0.0, slide)
         moved = here + part[..., None] * (by_foot - here) + slide[..., None, :] * bar[..., None]
-        before = np.where(over[:, None, None], 0.0, zero + station[..., None] * (by_foot - zero))
-        gradient = ((moved - before) * measured).sum(axis=-2)
+        start = np.where(over[:, None, None], 0.0, zero + station[..., None] * (by_foot - zero))
+        gradient = ((moved - start) * measured).sum(axis=-2)
         return value.T, np.moveaxis(gradient, (0, 1, 2), (2, 1, 0))
 
     def _postures(
@@ -126,8 +126,8 @@ class TripodDesign:
         fraction = np.where(
             self.taken.leg == TOOL, 0.0, np.where(over, station, point_along / reach)
         )
-        before = np.where(over[:, None], 0.0, zero + station[:, None] * bar_zero)
-        moved = end - before + fraction[..., None] * bar
+        start = np.where(over[:, None], 0.0, zero + station[:, None] * bar_zero)
+        moved = end - start + fraction[..., None] * bar
         return (moved * self.measured).sum(axis=-1), fraction, reach
 
     def _bar(self, carriage: NDArray[Any], tool: NDArray[Any]) -> NDArray[Any]:

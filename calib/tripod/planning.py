@@ -104,10 +104,10 @@ class TripodPlanning:
         # two readings of a new mounting, its own zero fitted: their difference
         alone = (pool.rows - pool.rows[zero]) / math.sqrt(2.0)
         rows = np.where(mounted[:, None, None], pool.rows, alone) / self.noise.standard_deviation_mm
-        after = covariances_after(covariance, rows, np.ones(2), list(FREE))
+        covariances = covariances_after(covariance, rows, np.ones(2), list(FREE))
         now = [float(vector @ covariance[:PARAMETERS, :PARAMETERS] @ vector) for vector in vectors]
         return tuple(
-            self._cure(pool, mounted, after, vector, least)
+            self._cure(pool, mounted, covariances, vector, least)
             for vector, least in zip(vectors, now, strict=True)
         )
 
@@ -115,11 +115,11 @@ class TripodPlanning:
         self,
         pool: LegPool,
         mounted: NDArray[np.bool_],
-        after: FloatArray,
+        covariances: FloatArray,
         vector: FloatArray,
         now: float,
     ) -> AddedMeasurement | None:
-        variance = np.einsum("i,bij,j->b", vector, after, vector)
+        variance = np.einsum("i,bij,j->b", vector, covariances, vector)
         best = largest(-variance)
         if variance[best] > (1.0 - LEAST_GAIN) * now:
             return None

@@ -84,11 +84,15 @@ class SimulatedMachine:
 
     def _movement_to(self, to: Conditions) -> FloatArray:
         """Sign of each carriage's last movement ``(n, 3)`` of a tool that is read; else 0."""
-        before = self._before
-        if TOOL in to.leg and (self.lift_mm or before is not None):
+        position_before = self._before
+        if TOOL in to.leg and (self.lift_mm or position_before is not None):
             above = to.position_mm[:1] + self.lift_mm * np.eye(3)[to.axis[:1]]
-            came = above if self.lift_mm or before is None else before.position_mm[:1]
-            shift = carriage_movement(self.truth.geometry, came, to.position_mm[:1])[0]
+            movement = (
+                above
+                if self.lift_mm or position_before is None
+                else position_before.position_mm[:1]
+            )
+            shift = carriage_movement(self.truth.geometry, movement, to.position_mm[:1])[0]
             self._movement = np.where(shift != 0.0, shift, self._movement)
         return np.tile(self._movement, (len(to), 1))
 
@@ -97,14 +101,14 @@ class SimulatedMachine:
 
         What did not move keeps the approach that it had.
         """
-        before, self._before = self._before, to
+        position_before, self._before = self._before, to
         names = ("leg", "axis") if to.over_plane.all() else ("leg", "axis", "station")
-        if before is None or any(
-            not np.array_equal(getattr(before, name), getattr(to, name))
+        if position_before is None or any(
+            not np.array_equal(getattr(position_before, name), getattr(to, name))
             for name in (*names, "over_plane")
         ):
             self._approach = 0.0
         else:
-            shift = float(np.sign(to.displacement_mm[0] - before.displacement_mm[0]))
+            shift = float(np.sign(to.displacement_mm[0] - position_before.displacement_mm[0]))
             self._approach = shift or self._approach
         return self._approach

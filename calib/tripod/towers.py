@@ -240,13 +240,13 @@ def entered(model: Model, entries: TowerEntries) -> EnteredTowers:
     def at_zero_mm(values: FloatArray, way: float) -> FloatArray:
         return np.asarray(machine_at(model, believed_mm(values, zero), way).tool_mm[0])
 
-    nothing, own_values = np.zeros(ends[-1]), _of_model(model, now, entries, travels=travels)
+    zeros, own_values = np.zeros(ends[-1]), _of_model(model, now, entries, travels=travels)
     sizes = (1.0, now.radius_mm.mean(), np.abs(points[:, 2]).max())
     across = np.repeat(sizes, [sum(counts[1:3]), *counts[3:]])
     across *= RESTRAINT * entries.lengths  # one length, or one radius, follows what it must
     free_shift = slice(0, 3) if entries.radii and entries.angles else slice(2, 3)
     ways = (1.0, -1.0) if model.effects else (1.0,)
-    standing = {way: at_zero_mm(nothing, way) for way in ways}
+    standing = {way: at_zero_mm(zeros, way) for way in ways}
 
     def off_mm(values: FloatArray) -> FloatArray:
         apart = across * (values - own_values)[3:]

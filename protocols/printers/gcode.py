@@ -96,11 +96,11 @@ def commands(texts: Texts, *codes: str) -> Iterator[CodeLine]:
                     f"{match[1]} with letters and numbers",
                     "Write numbers in the place of expressions.",
                 )
-            words = {
+            values = {
                 letter: tuple(float(part) for part in numbers.strip("°").split(":") if part)
                 for letter, numbers in WORD.findall(match[2])
             }
-            yield CodeLine(path, number, plain, match[1], words)
+            yield CodeLine(path, number, plain, match[1], values)
 
 
 def motor_steps(texts: Texts) -> Triple | None:

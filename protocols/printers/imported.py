@@ -144,7 +144,7 @@ def imported_printer(
         resolution_mm=resolution_mm,
         repeatability_mm=repeatability_mm,
     )
-    unused = tuple(f"not used: {words}" for words in content.oddities[:MOST_REMARKS])
+    unused = tuple(f"not used: {remark}" for remark in content.oddities[:MOST_REMARKS])
     opened = Opened(
         program=program,
         origin="imported",

@@ -242,8 +242,8 @@ def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Triple]:
     ]
     steps = [turn / count for turn, count in zip(turns, microsteps, strict=True)]
     a, b, c = (config.number(name, "rotation_distance", above=0.0) for name in STEPPERS)
-    stated = config.text("printer", "print_radius") is not None
-    printable = config.number("printer", "print_radius", above=0.0) if stated else None
+    has_radius = config.text("printer", "print_radius") is not None
+    printable = config.number("printer", "print_radius", above=0.0) if has_radius else None
     printer = TowerPrinter(
         f"{SUBJECT} {path}",
         path.stem,

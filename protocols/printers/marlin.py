@@ -194,12 +194,12 @@ def _tables(all_lines: Lines) -> list[tuple[int, HeightTable]]:
 
 
 def _printer(texts: Texts, oddities: list[str]) -> TowerPrinter | None:
-    words: dict[str, float] = {}
+    parameters: dict[str, float] = {}
     adjusted = dict.fromkeys(TOWERS, 0.0)
     first = ""
     for line in commands(texts, "M665", "M666"):
         if line.command == "M665":
-            words |= {letter: line.value(letter) for letter in line.words}
+            parameters |= {letter: line.value(letter) for letter in line.words}
             first = first or line.source
         else:
             adjusted |= {tower: line.value(tower, adjusted[tower]) for tower in TOWERS}
@@ -208,7 +208,7 @@ def _printer(texts: Texts, oddities: list[str]) -> TowerPrinter | None:
             oddities.append(f"{line.source}: {line.text!r}: an offset that M206 adds")
     if not first:
         return None
-    missing = [letter for letter in "LRH" if letter not in words]
+    missing = [letter for letter in "LRH" if letter not in parameters]
     if missing:
         raise RecordError(
             f"file of a printer, {first}",
@@ -217,16 +217,16 @@ def _printer(texts: Texts, oddities: list[str]) -> TowerPrinter | None:
             "Save all that M503 shows. Older programs do not show H: home, send M114, and add the "
             "Z of its answer to that line, as H and a number.",
         )
-    trimmed = {"A", "C"} <= words.keys()  # older programs show another value as B
-    arms = [words["L"] + (words.get(trim, 0.0) if trimmed else 0.0) for trim in TRIMS]
-    turned = (words.get(tower, 0.0) for tower in TOWERS)
+    trimmed = {"A", "C"} <= parameters.keys()  # older programs show another value as B
+    arms = [parameters["L"] + (parameters.get(trim, 0.0) if trimmed else 0.0) for trim in TRIMS]
+    turned = (parameters.get(tower, 0.0) for tower in TOWERS)
     a, b, c = (usual + turn for usual, turn in zip(USUAL_ANGLES_DEG, turned, strict=True))
-    x, y, z = (words["H"] - adjusted[tower] for tower in TOWERS)
+    x, y, z = (parameters["H"] - adjusted[tower] for tower in TOWERS)
     return TowerPrinter(
         f"file of a printer, {first}",
         texts[0][0].stem,
         (arms[0], arms[1], arms[2]),
-        (words["R"],) * 3,
+        (parameters["R"],) * 3,
         (x, y, z),
         (a, b, c),
         steps_per_mm=motor_steps(texts),

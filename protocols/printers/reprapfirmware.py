@@ -139,7 +139,7 @@ def _answers(texts: Texts) -> Iterator[tuple[str, str]]:
 
 def _printer(texts: Texts, answers: Answers) -> TowerPrinter | None:
     """What the lines and answers hold in their order; of a letter the last one counts."""
-    words: dict[str, tuple[float, ...]] = {}
+    parameters: dict[str, tuple[float, ...]] = {}
     adjusted = dict.fromkeys(TOWERS, 0.0)
     first = ""
     for line in commands(texts, "M665", "M666"):
@@ -151,21 +151,21 @@ def _printer(texts: Texts, answers: Answers) -> TowerPrinter | None:
                     f"M665 of RepRapFirmware, with {', '.join(LETTERS)}",
                     "Other firmware means other values by M665. Is this file of this printer?",
                 )
-            words |= {k: v if k == "L" else (line.value(k),) for k, v in line.words.items()}
+            parameters |= {k: v if k == "L" else (line.value(k),) for k, v in line.words.items()}
             first = first or line.source
         else:
             adjusted |= {tower: line.value(tower, adjusted[tower]) for tower in TOWERS}
     for source, text in answers:
         if answer := GEOMETRY.search(text):
             lengths, *figures = answer.groups()
-            words |= {"L": tuple(map(float, lengths.strip(":").split(":")))}
-            words |= {letter: (float(v),) for letter, v in zip("RHBXYZ", figures, strict=True)}
+            parameters |= {"L": tuple(map(float, lengths.strip(":").split(":")))}
+            parameters |= {letter: (float(v),) for letter, v in zip("RHBXYZ", figures, strict=True)}
             first = first or source
         elif answer := ADJUSTED.search(text):
             adjusted = dict(zip(TOWERS, map(float, answer.groups()[:3]), strict=True))
     if not first:
         return None
-    missing = [letter for letter in "LRH" if not words.get(letter)]
+    missing = [letter for letter in "LRH" if not parameters.get(letter)]
     if missing:
         raise RecordError(
             f"file of a printer, {first}",
@@ -173,17 +173,17 @@ def _printer(texts: Texts, answers: Answers) -> TowerPrinter | None:
             "L, R and H: lengths of the bars, radius, height as homed",
             "Name config.g, too, or the answer of M665.",
         )
-    if len(words["L"]) > len(TOWERS):
+    if len(parameters["L"]) > len(TOWERS):
         raise RecordError(
             f"file of a printer, {first}",
-            f"M665 with {len(words['L'])} lengths of bars",
+            f"M665 with {len(parameters['L'])} lengths of bars",
             "three towers, or one length for all",
             "Other printers are not calibrated here.",
         )
     # of towers without a length of their own the firmware takes the first one's
-    lengths = (*words["L"], *words["L"][:1] * 3)
-    (radius, *_), (height, *_) = words["R"], words["H"]
-    turned = [words.get(tower, (0.0,))[0] for tower in TOWERS]
+    lengths = (*parameters["L"], *parameters["L"][:1] * 3)
+    (radius, *_), (height, *_) = parameters["R"], parameters["H"]
+    turned = [parameters.get(tower, (0.0,))[0] for tower in TOWERS]
     a, b, c = (usual + turn for usual, turn in zip(USUAL_ANGLES_DEG, turned, strict=True))
     x, y, z = (height + adjusted[tower] for tower in TOWERS)
     return TowerPrinter(
@@ -193,7 +193,7 @@ def _printer(texts: Texts, answers: Answers) -> TowerPrinter | None:
         (radius, radius, radius),
         (x, y, z),
         (a, b, c),
-        words["B"][0] if words.get("B") else None,
+        parameters["B"][0] if parameters.get("B") else None,
         steps_per_mm=motor_steps(texts),
     )
 

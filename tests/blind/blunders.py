@@ -81,26 +81,26 @@ def _once(
     raise ValueError(f"blunder {blunder!r} is not known")
 
 
-def _scaled(table: Table, mine: np.ndarray, factor: float) -> Table:
-    return replace(table, values_mm=np.where(mine, factor, 1.0) * table.values_mm)
+def _scaled(table: Table, gauge_rows: np.ndarray, factor: float) -> Table:
+    return replace(table, values_mm=np.where(gauge_rows, factor, 1.0) * table.values_mm)
 
 
 def _swapped(table: Table, leg: int) -> Table:
     """Rows of a visit stand beside each other: first axis, second axis."""
     values = table.values_mm.copy()
-    mine = np.flatnonzero(table.rows.leg == leg)
-    values[mine] = values[mine].reshape(-1, 2)[:, ::-1].ravel()
+    gauge_rows = np.flatnonzero(table.rows.leg == leg)
+    values[gauge_rows] = values[gauge_rows].reshape(-1, 2)[:, ::-1].ravel()
     return replace(table, values_mm=values)
 
 
 def _slipped(table: Table, pair: np.ndarray, noise_mm: float, rng: np.random.Generator) -> Table:
     """One mounting is shifted from some reading on; not at its very ends."""
     mount = rng.choice(np.unique(table.rows.mount[pair]))
-    mine = np.flatnonzero(table.rows.mount == mount)
-    first = int(rng.integers(len(mine) // 4, 3 * len(mine) // 4 + 1))
+    gauge_rows = np.flatnonzero(table.rows.mount == mount)
+    first = int(rng.integers(len(gauge_rows) // 4, 3 * len(gauge_rows) // 4 + 1))
     values = table.values_mm.copy()
     size = CLEAR * float(np.exp(rng.uniform(np.log(1.5), np.log(10.0))))
-    values[mine[first:]] += rng.choice([-1, 1]) * size * noise_mm
+    values[gauge_rows[first:]] += rng.choice([-1, 1]) * size * noise_mm
     return replace(table, values_mm=values)
 
 

@@ -231,10 +231,10 @@ def _lagging(rows: Rows, lag: FloatArray, true: FloatArray) -> FloatArray:
         return true
     reading = true.copy()
     for mount in range(int(rows.mount.max()) + 1):
-        mine = np.flatnonzero(rows.mount == mount)
-        half = float(lag[rows.leg[mine[0]], rows.axis[mine[0]]]) / 2.0
-        at = true[mine[0]] - half
-        for k in mine:
+        gauge_rows = np.flatnonzero(rows.mount == mount)
+        half = float(lag[rows.leg[gauge_rows[0]], rows.axis[gauge_rows[0]]]) / 2.0
+        at = true[gauge_rows[0]] - half
+        for k in gauge_rows:
             at = min(max(at, true[k] - half), true[k] + half)
             reading[k] = at
     return reading

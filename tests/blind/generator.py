@@ -330,24 +330,24 @@ def _beside(instance: EffectInstance, placed: list[EffectInstance], columns: Col
 
 
 def _described(placed: EffectInstance, case: Case, columns: Columns, noise_mm: float) -> Json:
-    mine = placed.candidate
+    candidate = placed.candidate
     # With no blunder tested all that is looked for competes, but for what was left out of it.
     laws = [*rivals(), *beside(), everywhere()]
-    alternatives = [c for c in laws if c.id != mine.id and c.id not in case.without]
+    alternatives = [c for c in laws if c.id != candidate.id and c.id not in case.without]
     rival, share = best_rival(columns, placed.signal, alternatives)
-    parameters = len(mine.directions)
+    parameters = len(candidate.directions)
     signal = columns.left_over(placed.signal)
-    alike = [c for c in laws if c.id == mine.id and c.where != mine.where]
+    alike = [c for c in laws if c.id == candidate.id and c.where != candidate.where]
     alternatives = [c for c in alike if len(c.directions) <= parameters]
-    alternatives += parts(mine)
+    alternatives += parts(candidate)
     elsewhere = [contained(signal, columns.span(c)) for c in alternatives]
     ncp = float(np.sum((signal / noise_mm) ** 2))
-    eligible = [c for c in laws if c.id not in case.without or c.id == mine.id]
-    eligible = eligible if mine.id in {c.id for c in eligible} else [*eligible, mine]
+    eligible = [c for c in laws if c.id not in case.without or c.id == candidate.id]
+    eligible = eligible if candidate.id in {c.id for c in eligible} else [*eligible, candidate]
     shared = {c.where for c in alike if (1 - contained(signal, columns.span(c))) * ncp < TOLD_APART}
     return {
-        "id": mine.id,
-        "where": [mine.where, *_also_right(placed)],
+        "id": candidate.id,
+        "where": [candidate.where, *_also_right(placed)],
         "where_alike": sorted(shared),
         "parameters": [
             {"entry": name, "index": list(index), "value": amount}
@@ -360,7 +360,9 @@ def _described(placed: EffectInstance, case: Case, columns: Columns, noise_mm: f
         "rival": rival,
         "rival_share": share,
         "rival_ncp": (1 - share) * ncp,
-        "named_by_a_judge": named_by_a_judge(columns, placed.signal, mine.id, eligible, noise_mm),
+        "named_by_a_judge": named_by_a_judge(
+            columns, placed.signal, candidate.id, eligible, noise_mm
+        ),
         "elsewhere_ncp": (1 - max(elsewhere, default=0.0)) * ncp,
     }
 

@@ -59,8 +59,8 @@ def _wandering(rows: Rows, plain: FloatArray, sigma_mm: float, rng: np.random.Ge
     """Each mounting wanders to and fro over some minutes."""
     slow = np.zeros(len(rows))
     for mount in range(rows.mount.max() + 1):
-        mine = np.flatnonzero(rows.mount == mount)
-        slow[mine] = _wander(rows.time_s[mine], rng)
+        gauge_rows = np.flatnonzero(rows.mount == mount)
+        slow[gauge_rows] = _wander(rows.time_s[gauge_rows], rng)
     size = WANDER_SHARE * sigma_mm
     return Noise(plain + size * slow, float(np.hypot(sigma_mm, size)))
 

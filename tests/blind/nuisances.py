@@ -164,8 +164,8 @@ def postures_exchanged(procedure: str, rng: np.random.Generator) -> Session:
     values_changed = values.copy()
     for axis in range(3):
         for number in range(1, int(rows.cycle.max()) + 1):
-            mine = here & (rows.axis == axis) & (rows.cycle == number)
-            first, two = (np.flatnonzero(mine & (rows.displacement_mm == d)) for d in (a, b))
+            gauge_rows = here & (rows.axis == axis) & (rows.cycle == number)
+            first, two = (np.flatnonzero(gauge_rows & (rows.displacement_mm == d)) for d in (a, b))
             count = min(len(first), len(two))
             values_changed[first[:count]], values_changed[two[:count]] = (
                 values[two[:count]],

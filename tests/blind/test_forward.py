@@ -23,8 +23,8 @@ def change(entry: Hypothesis, size: float, leg: int, axis: int) -> tuple[float, 
     rows = taken()
     up, down = (readings(rows, Hidden().plus([(entry, s * size)])) for s in (1, -1))
     slope = (up - down) / (2 * size)
-    mine = np.flatnonzero((rows.leg == leg) & (rows.axis == axis))
-    zero, high, low = (slope[mine[k]] for k in range(3))
+    gauge_rows = np.flatnonzero((rows.leg == leg) & (rows.axis == axis))
+    zero, high, low = (slope[gauge_rows[k]] for k in range(3))
     return float(high - zero), float(low - zero)
 
 
@@ -97,9 +97,9 @@ def test_the_touched_point_travels_along_the_bar() -> None:
 def test_the_second_station_moves_the_touched_point() -> None:
     rows = taken(Plan((0.0,), 1, (0.5, 0.35)))
     slope = readings(rows, Hidden().plus([(("taper", (0, 1)), 1e-3)])) / 1e-3
-    mine = (rows.leg == 0) & (rows.axis == 1)
-    assert slope[mine & (rows.station == 0.35)] == pytest.approx(-0.15 * LEG_MM)
-    assert slope[mine & (rows.station == 0.5)] == pytest.approx(0.0, abs=1e-9)
+    gauge_rows = (rows.leg == 0) & (rows.axis == 1)
+    assert slope[gauge_rows & (rows.station == 0.35)] == pytest.approx(-0.15 * LEG_MM)
+    assert slope[gauge_rows & (rows.station == 0.5)] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_the_weight_stretches_the_hanging_leg_only() -> None:
@@ -114,8 +114,10 @@ def test_the_weight_stretches_the_hanging_leg_only() -> None:
 def one(entry: Hypothesis, size: float, level: float, leg: int, axis: int) -> float:
     """What an entry changes in the reading at a level, coming from Zero."""
     rows = taken(Plan((0.0, level), 1))
-    mine = np.flatnonzero((rows.leg == leg) & (rows.axis == axis))[1]
-    return float((readings(rows, Hidden().plus([(entry, size)])) - readings(rows, Hidden()))[mine])
+    gauge_rows = np.flatnonzero((rows.leg == leg) & (rows.axis == axis))[1]
+    return float(
+        (readings(rows, Hidden().plus([(entry, size)])) - readings(rows, Hidden()))[gauge_rows]
+    )
 
 
 def test_a_guide_like_an_s_leaves_its_line_with_the_cube() -> None:
@@ -140,10 +142,12 @@ def test_a_round_bar_reads_less_by_the_square_of_the_way_across() -> None:
     """Across by z on a radius of 10 mm: z² / 20 mm."""
     rows = taken(Plan((0.0, 60.0), 1))
     off = Hidden().plus([(("offset", (2,)), 2.0)])
-    across, mine = (np.flatnonzero((rows.leg == 0) & (rows.axis == axis))[1] for axis in (2, 1))
+    across, gauge_rows = (
+        np.flatnonzero((rows.leg == 0) & (rows.axis == axis))[1] for axis in (2, 1)
+    )
     z = readings(rows, off)[across] - readings(rows, off)[across - 2]
     round_bar = off.plus([(("round", (0, 1)), 0.1)])
-    assert readings(rows, round_bar)[mine] - readings(rows, off)[mine] == pytest.approx(
+    assert readings(rows, round_bar)[gauge_rows] - readings(rows, off)[gauge_rows] == pytest.approx(
         -(z**2) / 20.0, rel=1e-6
     )
 
@@ -152,9 +156,9 @@ def test_an_indicator_with_play_follows_only_beyond_it() -> None:
     """Up 22, 60, down 22: what goes up is shown half too low, what comes down half too high."""
     rows = taken(Plan((0.0, 22.0, 60.0, 22.0), 1))
     off = Hidden().plus([(("offset", (0,)), 2.0)])
-    mine = np.flatnonzero((rows.leg == 0) & (rows.axis == 1))
-    true = readings(rows, off)[mine]
-    change_mm = readings(rows, off.plus([(("lag", (0, 1)), 0.004)]))[mine] - true
+    gauge_rows = np.flatnonzero((rows.leg == 0) & (rows.axis == 1))
+    true = readings(rows, off)[gauge_rows]
+    change_mm = readings(rows, off.plus([(("lag", (0, 1)), 0.004)]))[gauge_rows] - true
     way = np.sign(np.diff(true[:4]))
     assert change_mm[1:4] == pytest.approx(-0.002 * way, abs=1e-9)
 
@@ -164,15 +168,15 @@ def test_a_stand_wanders_alone() -> None:
     change_mm = readings(rows, Hidden().plus([(("stand", (0, 1)), 1e-6)])) - readings(
         rows, Hidden()
     )
-    mine = (rows.leg == 0) & (rows.axis == 1)
-    assert change_mm == pytest.approx(np.where(mine, 1e-6 * rows.time_s, 0.0), abs=1e-12)
+    gauge_rows = (rows.leg == 0) & (rows.axis == 1)
+    assert change_mm == pytest.approx(np.where(gauge_rows, 1e-6 * rows.time_s, 0.0), abs=1e-12)
 
 
 def test_backlash_keeps_the_foot_back_after_a_movement_down() -> None:
     rows = taken(Plan((0.0, 30.0, -30.0), 1))
-    mine = (rows.leg == 0) & (rows.axis == 1)
+    gauge_rows = (rows.leg == 0) & (rows.axis == 1)
     # +30: x up, y and z down (the bar leans); −30: x down, the others again down; then all up.
-    assert rows.moved[mine].tolist() == [[1, 1, 1], [1, -1, -1], [-1, -1, -1], [1, 1, 1]]
+    assert rows.moved[gauge_rows].tolist() == [[1, 1, 1], [1, -1, -1], [-1, -1, -1], [1, 1, 1]]
     persistent = Hidden().plus([(("lost", (0,)), 0.01)])
     pushed = Hidden().plus([(("offset", (0,)), 0.01)])
     down = rows.moved[:, 0] < 0
@@ -183,32 +187,34 @@ def test_backlash_keeps_the_foot_back_after_a_movement_down() -> None:
 def test_cyclic_error_repeats_with_the_lead() -> None:
     rows = taken(Plan((0.0, 5.0, 12.5), 1))
     change_mm = readings(rows, Hidden().plus([(("sine", (1,)), 0.01), (("cosine", (1,)), 0.01)]))
-    mine = (rows.leg == 1) & (rows.axis == 0)
+    gauge_rows = (rows.leg == 1) & (rows.axis == 0)
     scale = readings(rows, Hidden().plus([(("offset", (1,)), 0.01)]))
     # At 5 mm as at Zero, half a lead on with the opposite sign.
-    assert change_mm[mine][1] == pytest.approx(scale[mine][1], abs=1e-5)
-    assert change_mm[mine][2] == pytest.approx(-scale[mine][2], abs=1e-5)
+    assert change_mm[gauge_rows][1] == pytest.approx(scale[gauge_rows][1], abs=1e-5)
+    assert change_mm[gauge_rows][2] == pytest.approx(-scale[gauge_rows][2], abs=1e-5)
 
 
 def test_indicators_scale_tilt_and_wander() -> None:
     rows = taken()
     machine = Hidden().plus([(("offset", (1,)), 1.0), (("offset", (2,)), 0.5)])
     plain = readings(rows, machine)
-    mine = (rows.leg == 0) & (rows.axis == 1)
+    gauge_rows = (rows.leg == 0) & (rows.axis == 1)
     second = (rows.leg == 0) & (rows.axis == 2)
     gained = readings(rows, machine.plus([(("gain", (0, 1)), 0.1)]))
-    assert gained[mine] == pytest.approx(1.1 * plain[mine])
+    assert gained[gauge_rows] == pytest.approx(1.1 * plain[gauge_rows])
     tilted = readings(rows, machine.plus([(("tilt", (0, 1)), 0.1)]))
-    assert tilted[mine] == pytest.approx(np.cos(0.1) * plain[mine] + np.sin(0.1) * plain[second])
+    assert tilted[gauge_rows] == pytest.approx(
+        np.cos(0.1) * plain[gauge_rows] + np.sin(0.1) * plain[second]
+    )
     wandered = readings(rows, machine.plus([(("drift", (1,)), 1e-4)])) - plain
     assert wandered == pytest.approx(1e-4 * rows.time_s * (rows.axis == 1), abs=1e-12)
     for changed in (gained, tilted):
-        assert changed[~mine] == pytest.approx(plain[~mine], abs=1e-12)
+        assert changed[~gauge_rows] == pytest.approx(plain[~gauge_rows], abs=1e-12)
 
 
 def test_shapes_outside_the_catalogue_do_what_they_say() -> None:
     rows = taken(Plan((0.0, 50.0), 1))
-    mine = np.flatnonzero((rows.leg == 0) & (rows.axis == 1))[1]
+    gauge_rows = np.flatnonzero((rows.leg == 0) & (rows.axis == 1))[1]
     # An offset of carriage x as large as the travel error shows the same there.
     travel, passive = 50.0, np.sqrt(LEG_MM**2 - 2500.0) - LEG_MM
     sizes = {
@@ -217,8 +223,8 @@ def test_shapes_outside_the_catalogue_do_what_they_say() -> None:
         ("product", (0, 1)): travel * passive / 1000.0,
     }
     for entry, size in sizes.items():
-        change_mm = readings(rows, Hidden().plus([(entry, 1e-3)]))[mine]
-        expected = readings(rows, Hidden().plus([(("offset", (0,)), 1e-3 * size)]))[mine]
+        change_mm = readings(rows, Hidden().plus([(entry, 1e-3)]))[gauge_rows]
+        expected = readings(rows, Hidden().plus([(("offset", (0,)), 1e-3 * size)]))[gauge_rows]
         assert change_mm == pytest.approx(expected, abs=1e-8)
 
 

@@ -56,8 +56,8 @@ def test_the_same_machine_with_offsets_entered_and_a_load() -> None:
     )
     residual = further.values_mm - readings(further.rows, expected)
     for mount in range(4):
-        mine = residual[further.rows.mount == mount]
-        assert np.std(mine) < 3.0 * session.sigma_mm
+        gauge_residual = residual[further.rows.mount == mount]
+        assert np.std(gauge_residual) < 3.0 * session.sigma_mm
     assert further.table.splitlines()[1].startswith("z,x,0,")
     document = tomllib.loads(machine_text(again))
     assert document["load"] == 2.0

@@ -297,16 +297,17 @@ def main() -> None:
     options = parser.parse_args()
     all_scores = list(scores(options.count, options.seed, options.shape))
     for shape in [options.shape] if options.shape else SHAPES:
-        mine = [score for score in all_scores if score.shape == shape]
-        hidden = [score for score in mine if score.effect]
-        nothing = [score for score in mine if not score.effect]
+        scores_of_shape = [score for score in all_scores if score.shape == shape]
+        hidden = [score for score in scores_of_shape if score.effect]
+        nothing = [score for score in scores_of_shape if not score.effect]
         with_names = [score for score in hidden if score.names]
-        alone = [score for score in mine if score.verdict == "explained"]
+        alone = [score for score in scores_of_shape if score.verdict == "explained"]
         print(
             f"{shape}: truth among the names {sum(s.right for s in with_names)} of "
             f"{len(with_names)} named, "
             f"{len(hidden)} hidden; one wrong name alone {sum(not s.right for s in alone)} of "
-            f"{len(mine)}; nothing hidden agrees {sum(s.right for s in nothing)} of {len(nothing)}"
+            f"{len(scores_of_shape)}; nothing hidden agrees {sum(s.right for s in nothing)} of "
+            f"{len(nothing)}"
         )
     for score in all_scores:
         if not score.right:

@@ -205,8 +205,8 @@ class Cable(socketserver.ThreadingTCPServer):
     @staticmethod
     def _one_way(from_: socket.socket, to: socket.socket) -> None:
         with suppress(OSError):
-            while came := from_.recv(4096):
-                to.sendall(came)
+            while content := from_.recv(4096):
+                to.sendall(content)
         for end in (from_, to):
             with suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)

@@ -94,8 +94,8 @@ class Wire:
         while self.in_waiting < size and self.now_s < until:
             following = min(self.coming[0][0] if self.coming else until, self._next_s, until)
             self.wait(max(0.0, following - self.now_s))
-        came, self._here = self._here[:size], self._here[size:]
-        return came
+        content, self._here = self._here[:size], self._here[size:]
+        return content
 
 
 def age_s(reading: IndicatorReading, asked_s: float) -> float:

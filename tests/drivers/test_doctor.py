@@ -234,8 +234,8 @@ class Cable:
         assert self.in_waiting >= 0
         if not self.here:
             time.sleep(0.02)
-        came, self.here = self.here[:size], self.here[size:]
-        return came
+        content, self.here = self.here[:size], self.here[size:]
+        return content
 
 
 @pytest.mark.parametrize(

@@ -115,16 +115,16 @@ def test_demo_is_driven_by_keys_and_paused_with_ctrl_c(terminal: Terminal, tmp_p
 def test_a_person_is_asked_before_a_file_is_replaced(
     terminal: Terminal, tmp_path: Path, samples: Path
 ) -> None:
-    mine = tmp_path / "out.json"
-    mine.write_text("mine", encoding="utf-8")
+    own_file = tmp_path / "out.json"
+    own_file.write_text("mine", encoding="utf-8")
     session = str(samples / "simulated_sweep.jsonl")
     for answer, status in (("n", 130), ("y", 0)):
-        terminal.start("export", session, "--format", "json", "-o", mine.name)
+        terminal.start("export", session, "--format", "json", "-o", own_file.name)
         terminal.wait_for("out.json is there already. Replace? [y/N]:")
-        assert mine.read_text(encoding="utf-8") == "mine"
+        assert own_file.read_text(encoding="utf-8") == "mine"
         terminal.press(answer, "Enter")
         terminal.wait_for(f"STATUS {status}")
-        assert (mine.read_text(encoding="utf-8") == "mine") == (answer == "n")
+        assert (own_file.read_text(encoding="utf-8") == "mine") == (answer == "n")
         terminal.stop()
 
 

@@ -141,12 +141,12 @@ async def test_the_next_measurement_becomes_a_procedure(doubtful: Path) -> None:
         assert re.search(r"it (helps to decide|decides) between actuator_scale \(y\), ", words)
         assert "gravity_sag (y) and " in words
         await pilot.press("n")
-        written = doubtful.with_name("doubt_next.toml")
-        await until(pilot, "words", lambda: f"--protocol {written}" in said(interface))
-        procedure = tomllib.loads(written.read_text(encoding="utf-8"))
+        paths = doubtful.with_name("doubt_next.toml")
+        await until(pilot, "words", lambda: f"--protocol {paths}" in said(interface))
+        procedure = tomllib.loads(paths.read_text(encoding="utf-8"))
         assert procedure["schema"] == "glidecal.procedure/1"
         assert len(procedure["levels"]) > 2
-        load_procedure(str(written), load_machine(None).geometry())
+        load_procedure(str(paths), load_machine(None).geometry())
         await pilot.press("f10")
 
 
@@ -233,9 +233,9 @@ async def test_the_result_with_an_adopted_model_is_exported(tmp_path: Path) -> N
             lambda: "WARNING: the present HOME_OFFSET" in text(interface, "#result-text"),
         )
         await pilot.press("f10")
-    written = sorted(path.name for path in (tmp_path / "play").iterdir())
+    paths = sorted(path.name for path in (tmp_path / "play").iterdir())
     joints = [f"calib_joint{n}.inc" for n in range(3)]
-    assert written == [*joints, "model.json", "offsets.csv", "offsets.json"]
+    assert paths == [*joints, "model.json", "offsets.csv", "offsets.json"]
     effects = read_model_file(tmp_path / "play" / "model.json").effects
     (play,) = [effect for effect in effects if (effect.id, effect.where) == ("backlash", "y")]
     assert play.parameters["play"].value == pytest.approx(0.05, abs=0.003)

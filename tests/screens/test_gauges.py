@@ -85,9 +85,9 @@ async def test_every_change_is_drawn_and_nothing_old_stays() -> None:
     app = Panels()
     async with app.run_test(size=SIZE) as pilot:
         left, right = app.panels
-        gone = live(Fault(FaultKind.NO_ANSWER, "", "E[1] \x1b[2J is gone"), Motion.FAULT)
+        lost_gauge = live(Fault(FaultKind.NO_ANSWER, "", "E[1] \x1b[2J is gone"), Motion.FAULT)
         changes = (shown(0.5), shown(0.501), shown(12.5, Motion.MOVING), shown(1.0, age_s=3.0))
-        for change in (*changes, gone, shown(-0.001)):
+        for change in (*changes, lost_gauge, shown(-0.001)):
             left.show(change)
             right.show(shown(0.25))
             await pilot.pause()
@@ -95,7 +95,7 @@ async def test_every_change_is_drawn_and_nothing_old_stays() -> None:
             assert await as_drawn_anew(pilot, app) == screen_rows
             first = rows_of(app, left)[1][1:-1].strip()
             words = state_words(change).replace("\x1b", "")
-            assert first == (words if change is gone else digits_in(left)[0].strip())
+            assert first == (words if change is lost_gauge else digits_in(left)[0].strip())
             assert left.has_class(change.motion.value)
         assert left.number == "-0.001"
 

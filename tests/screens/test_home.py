@@ -192,24 +192,26 @@ async def test_export_writes_what_the_result_screen_writes(folder: Path) -> None
         await choose(pilot, interface, "Export")
         await shown(pilot, interface, ChoiceDialog)
         await choose(pilot, interface, "before")
-        written = folder / "before [mm]"
+        folder_written = folder / "before [mm]"
         await shown(pilot, interface, ResultScreen)
-        await until(pilot, "written", lambda: f"Written to {written.name}" in said(interface))
+        await until(
+            pilot, "written", lambda: f"Written to {folder_written.name}" in said(interface)
+        )
         page = " ".join(text(interface, "#result-text").split())
         assert "WARNING: the present HOME_OFFSET is not stated" in page, "stays until it is read"
         assert "Next: enter the values in the controller" in page
         await pilot.press("escape")
         await shown(pilot, interface, HomeScreen)
-        names = {path.name for path in written.iterdir()}
+        names = {path.name for path in folder_written.iterdir()}
         assert names >= set(FILE_NAMES.values()) | {"calib_joint0.inc"}
-        (written / "offsets.csv").write_text("mine", encoding="utf-8")
+        (folder_written / "offsets.csv").write_text("mine", encoding="utf-8")
         await choose(pilot, interface, "Export")
         await shown(pilot, interface, ChoiceDialog)
         await choose(pilot, interface, "before")
         await shown(pilot, interface, ChoiceDialog)
-        assert (written / "offsets.csv").read_text(encoding="utf-8") == "mine"
+        assert (folder_written / "offsets.csv").read_text(encoding="utf-8") == "mine"
         await pilot.press("2")
-        await until(pilot, "replaced", lambda: (written / "offsets.csv").stat().st_size > 4)
+        await until(pilot, "replaced", lambda: (folder_written / "offsets.csv").stat().st_size > 4)
         await pilot.press("f10")
 
 
@@ -299,7 +301,7 @@ async def test_prepare_dry_run_and_random_order(
         await pilot.press("escape", "f2")
         await shown(pilot, interface, DryRunScreen)
         assert "G53 G0 X60.000" in text(interface, "#dry-run-text")
-        written = text(interface, "#dry-run-text")
+        folder_written = text(interface, "#dry-run-text")
         await until(pilot, "expected", lambda: "to expect" in text(interface, "#expected-text"))
         await pilot.press("escape")
         interface.screen.query_one("#random", Input).focus()
@@ -308,7 +310,7 @@ async def test_prepare_dry_run_and_random_order(
         assert "seed 7" in text(interface, "#summary")
         await pilot.press("f2")
         await shown(pilot, interface, DryRunScreen)
-        assert text(interface, "#dry-run-text") != written
+        assert text(interface, "#dry-run-text") != folder_written
         await pilot.press("escape")
         interface.screen.query_one("#procedure", Select).value = "sweep"
         await pilot.pause()

@@ -335,9 +335,9 @@ async def test_export_names_what_it_wrote(
         await until(
             pilot, "caution", lambda: "\nWARNING: the present" in text(interface, "#result-text")
         )
-    written = sorted(p.name for p in path.with_suffix("").iterdir())
-    assert "offsets.csv" in written
-    assert all(name in messages[0] for name in written)
+    file_names = sorted(p.name for p in path.with_suffix("").iterdir())
+    assert "offsets.csv" in file_names
+    assert all(name in messages[0] for name in file_names)
 
 
 async def test_what_was_written_lies_over_nothing(
@@ -371,21 +371,23 @@ async def test_export_asks_before_it_replaces(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result, path = published
-    mine = path.with_suffix("") / "offsets.csv"
-    mine.parent.mkdir()
-    mine.write_text("mine", encoding="utf-8")
+    own_file = path.with_suffix("") / "offsets.csv"
+    own_file.parent.mkdir()
+    own_file.write_text("mine", encoding="utf-8")
     interface = Glidecal(ResultScreen(result, None, path))
     messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         for answer in ("1", "2"):
             await pilot.press("e")
             await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
-            assert f"{mine} is there already" in str(interface.screen.query(Static).first().content)
-            assert [entry.name for entry in mine.parent.iterdir()] == [mine.name]
-            assert mine.read_text(encoding="utf-8") == "mine"
+            assert f"{own_file} is there already" in str(
+                interface.screen.query(Static).first().content
+            )
+            assert [entry.name for entry in own_file.parent.iterdir()] == [own_file.name]
+            assert own_file.read_text(encoding="utf-8") == "mine"
             await pilot.press(answer)
         await until(pilot, "written", lambda: bool(messages))
-    assert mine.read_text(encoding="utf-8") != "mine"
+    assert own_file.read_text(encoding="utf-8") != "mine"
 
 
 @LONG
@@ -393,22 +395,22 @@ async def test_report_asks_before_it_replaces(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result, path = published
-    mine = path.with_suffix(".html")
+    own_file = path.with_suffix(".html")
     interface = Glidecal(ResultScreen(result, None, path))
     messages = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
-        mine.write_text("mine", encoding="utf-8")
+        own_file.write_text("mine", encoding="utf-8")
         await pilot.press("r")
         await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
         await pilot.press("1")
-        assert mine.read_text(encoding="utf-8") == "mine"
+        assert own_file.read_text(encoding="utf-8") == "mine"
         await pilot.press("r")
         await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
         await pilot.press("2")
         await until(
             pilot, "written", lambda: any("Report written" in message for message in messages)
         )
-    assert "Calibration report" in mine.read_text(encoding="utf-8")
+    assert "Calibration report" in own_file.read_text(encoding="utf-8")
 
 
 async def test_export_that_the_disk_refuses(

@@ -47,9 +47,9 @@ def bar_rows(
             bar = bar[:mark] + MARK + bar[mark + 1 :]
         rows.append(f"{name:<{name_width}}  {figure:>{figure_width}}  {bar}".rstrip())
     if limit is not None and mark is not None:
-        indent, words = name_width + figure_width + 4, limit[0]
-        right = mark + 2 + len(words) <= columns
-        caption = f"{MARK} {words}" if right else f"{words} {MARK}"
+        indent, limit_label = name_width + figure_width + 4, limit[0]
+        right = mark + 2 + len(limit_label) <= columns
+        caption = f"{MARK} {limit_label}" if right else f"{limit_label} {MARK}"
         start = mark if right else mark + 1 - len(caption)
         rows.append(" " * max(0, indent + start) + caption)
     return rows

@@ -138,12 +138,12 @@ class Canvas:
         of_groups = grouped(chart)
         return chart if self._narrow(of_groups) else of_groups
 
-    def _say(self, chart: Chart, beside: Sequence[str] = ()) -> None:
+    def _say(self, chart: Chart, notes: Sequence[str] = ()) -> None:
         """Title and legend; plotext leaves out what it cannot centre between the numbers.
 
         With a word above the drawing, here a blank one, a title begins at the edge.
         """
-        room = self.width - max(map(len, beside), default=0)
+        room = self.width - max(map(len, notes), default=0)
         self.plot.xlabel(self._legend(chart, room))
         if len(chart.heading) > room:
             self.plot.xlabel(BLANK, xside="upper")
@@ -204,9 +204,9 @@ class Canvas:
         self._scale_drawing(chart)
         self._strokes(chart)
         self._points(chart.series)
-        words, ground = self.colour("foreground"), self.colour("surface")
+        text_colour, ground = self.colour("foreground"), self.colour("surface")
         for label in chart.labels:
-            self.plot.text(label.words, *label.at, color=words, background=ground)
+            self.plot.text(label.words, *label.at, color=text_colour, background=ground)
 
     def _scale_drawing(self, chart: Drawing) -> None:
         plot, columns = self.plot, self._columns

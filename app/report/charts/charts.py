@@ -92,9 +92,9 @@ class Chart:
         excess = len(self.heading) - cells + len(CUT)
         if excess <= len(CUT):
             return self.heading
-        first, comma, others = self.title.partition(", ")
+        first, comma, rest_of_title = self.title.partition(", ")
         if len(first) - excess >= LEAST_NAME and comma:
-            return f"{first[:-excess]}{CUT}, {others}, {self.y_words}"
+            return f"{first[:-excess]}{CUT}, {rest_of_title}, {self.y_words}"
         return f"{self.title[:-excess]}{CUT}, {self.y_words}"
 
     def x_ticks(self) -> tuple[float, ...]:
@@ -132,9 +132,9 @@ class Chart:
         """Round numbers around all values and zero."""
         return round_ticks((*(y for _, y in self.points()), *self.room))
 
-    def as_tall_as(self, before: Chart) -> Chart:
+    def as_tall_as(self, other_chart: Chart) -> Chart:
         """The chart with a scale that reaches at least as far as that of another."""
-        ticks = before.y_ticks()
+        ticks = other_chart.y_ticks()
         return replace(self, room=(*self.room, ticks[0], ticks[-1]))
 
 
@@ -244,8 +244,8 @@ def grouped(chart: Chart) -> Chart:
         replace(curve, x=tuple(places[round(x) - 1] + share * (x - round(x)) for x in curve.x))
         for curve in chart.series
     )
-    words = f"each: {', '.join(dict.fromkeys(members))}"
-    return replace(chart, series=series, x_names=tuple(groups), x_groups=(), x_words=words)
+    label = f"each: {', '.join(dict.fromkeys(members))}"
+    return replace(chart, series=series, x_names=tuple(groups), x_groups=(), x_words=label)
 
 
 def turned_limits(names: int, rows: int) -> Limits:
@@ -284,9 +284,9 @@ def even_limits(ticks: Sequence[float], cells: int) -> Limits:
     return lower, lower + (cells - 1) * cell
 
 
-def spread(ticks: Sequence[float], room: int, each: int) -> tuple[float, ...]:
+def spread(ticks: Sequence[float], room: int, label_width: int) -> tuple[float, ...]:
     """The ticks that get a label: each takes so many cells of the room; zero is kept."""
-    step = max(1, math.ceil((len(ticks) - 1) * each / max(1, room - 1)))
+    step = max(1, math.ceil((len(ticks) - 1) * label_width / max(1, room - 1)))
     zero = ticks.index(0.0) if 0.0 in ticks else 0
     return tuple(tick for k, tick in enumerate(ticks) if (k - zero) % step == 0)
 
@@ -303,12 +303,12 @@ def label_cells(labels: Sequence[str]) -> int:
     return longest + longest // 2 + 2
 
 
-def ticks_within(limits: Limits, most: int) -> tuple[float, ...]:
+def ticks_within(limits: Limits, most_count: int) -> tuple[float, ...]:
     """Round numbers between two ends, at most so many."""
     span = limits[1] - limits[0]
-    decade = 10.0 ** math.floor(math.log10(span / max(1, most)))
+    decade = 10.0 ** math.floor(math.log10(span / max(1, most_count)))
     for step in (factor * decade for factor in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)):
         first, last = math.ceil(limits[0] / step), math.floor(limits[1] / step)
-        if last - first < most:
+        if last - first < most_count:
             return tuple(k * step for k in range(first, last + 1))
     return ()

@@ -104,14 +104,16 @@ def residual_charts(result: CalibratedMachine) -> tuple[Chart, ...]:
     """What the calibrated machine leaves at each posture: lengths in µm and angles in µrad, where
     there are any.
     """
-    after = result.fit.after
-    columns = (1e6 * after.values).T.tolist()
+    residuals = result.fit.after
+    columns = (1e6 * residuals.values).T.tolist()
     posture_numbers = tuple(map(float, result.numbers))
     charts = []
     for title, unit, angular in (("Lengths left", "µm", False), ("Angles left", "µrad", True)):
         series = tuple(
             Series(name, posture_numbers, tuple(column))
-            for name, column, is_angle in zip(after.names, columns, after.angular, strict=True)
+            for name, column, is_angle in zip(
+                residuals.names, columns, residuals.angular, strict=True
+            )
             if bool(is_angle) is angular
         )
         if series:

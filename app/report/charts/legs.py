@@ -65,8 +65,10 @@ def leg_figures(result: SessionSolution) -> tuple[LegFigure, ...]:
     for curve, above, below in zip(curves, readings, figures_left, strict=True):
         title, short_title = leg_words(curve, several=several)
         enlarged = UM_PER_MM * _height(above) / _height(below)
-        left = replace(below, title=f"{left_by(result)}, {scale_words(enlarged)}")
-        figures.append(LegFigure(title, short_title, replace(above, title=title), left, enlarged))
+        residual_chart = replace(below, title=f"{left_by(result)}, {scale_words(enlarged)}")
+        figures.append(
+            LegFigure(title, short_title, replace(above, title=title), residual_chart, enlarged)
+        )
     return tuple(figures)
 
 
@@ -96,10 +98,10 @@ def leg_words(curve: LegCurve, *, several: bool) -> tuple[str, str]:
     if several:
         station = f", at {curve.station:g} of the bar"
         short_station = f", station {curve.station:g}"
-    words = f"{leg}, measured along {axis}{station}"
+    label = f"{leg}, measured along {axis}{station}"
     if curve.over_plane:
-        words = f"{leg} over the plane, along {axis}"
-    return words, f"{leg} along {axis}{short_station}"
+        label = f"{leg} over the plane, along {axis}"
+    return label, f"{leg} along {axis}{short_station}"
 
 
 def _readings(curve: LegCurve) -> Chart:
@@ -112,16 +114,16 @@ def _residual_chart(curve: LegCurve) -> Chart:
     left_um = (UM_PER_MM * curve.left_mm).tolist()
     at_mm, mounts = curve.at_mm.tolist(), curve.mount.tolist()
     ways: dict[int, list[Point]] = {}
-    for mount, at, left in zip(mounts, at_mm, left_um, strict=True):
-        ways.setdefault(mount, []).append((at, left))
+    for mount, at, residual_um in zip(mounts, at_mm, left_um, strict=True):
+        ways.setdefault(mount, []).append((at, residual_um))
     lines = tuple(Stroke(StrokeStyle.DOTTED, tuple(points)) for points in ways.values())
     series = tuple(replace(part, name="") for part in _series(curve, left_um))  # named above
-    words = "displacement, mm"
+    label = "displacement, mm"
     if curve.leg == TOOL:
-        words = "number of the position"
+        label = "number of the position"
     elif curve.over_plane:
-        words = "place along the leg, mm"
-    return Chart("", words, "µm", series, strokes=lines)
+        label = "place along the leg, mm"
+    return Chart("", label, "µm", series, strokes=lines)
 
 
 def _series(curve: LegCurve, values: Sequence[float]) -> tuple[Series, ...]:

@@ -16,8 +16,8 @@ def platform_chart(machine: PostureHistory) -> Chart:
     entries = [(float(k), point.entry) for k, point in enumerate(machine.points, start=1)]
     off = [(k, entry.now_mm) for k, entry in entries if entry.now_mm is not None]
     bound = [(k, entry.bound_mm) for k, entry in entries if entry.bound_mm is not None]
-    both = (("as found", off), ("bound, calibrated", bound))
-    series = tuple(series_of(name, points) for name, points in both if points)
+    columns = (("as found", off), ("bound, calibrated", bound))
+    series = tuple(series_of(name, points) for name, points in columns if points)
     names = tuple(f"{k:.0f}" for k, _ in entries)
     return Chart("Error of the platform", "", "mm r.m.s.", series, names)
 
@@ -32,10 +32,10 @@ def platform_figure(machine: PostureHistory) -> LegFigure:
     """The figure for a screen: as the machine was found, and what each session gave."""
     chart = platform_chart(machine)
     title = f"{machine.machine}, error of the platform as found"
-    before, *bound = (replace(series, name="") for series in chart.series)
+    platform_series, *bound = (replace(series, name="") for series in chart.series)
     return LegFigure(
         title,
         "Platform",
-        replace(chart, title=title, series=(before,)),
+        replace(chart, title=title, series=(platform_series,)),
         replace(chart, title="at most, with the machine of the session", series=tuple(bound)),
     )

@@ -75,17 +75,17 @@ def residuals_with(without: Solution, now: Solution) -> Chart:
     return replace(chart, title="Left of the differences", y_words="µm", room=room)
 
 
-def before_and_after(before: Solution, after: Solution) -> Chart:
+def before_and_after(earlier: Solution, later: Solution) -> Chart:
     """The differences before and after the offsets were entered."""
-    differences, differences_after = before.differences, after.differences
-    later = {name: k for k, name in enumerate(differences_after.names)}
-    rows = [k for k in differences.published_rows if differences.names[k] in later]
+    differences, differences_after = earlier.differences, later.differences
+    row_after = {name: k for k, name in enumerate(differences_after.names)}
+    rows = [k for k in differences.published_rows if differences.names[k] in row_after]
     names = [differences.names[k] for k in rows]
-    partners = [later[name] for name in names]
+    partners = [row_after[name] for name in names]
     return _differences(
         names,
-        ("before", differences.value_mm[rows], before.difference_uncertainty_mm[rows]),
-        ("after", differences_after.value_mm[partners], after.difference_uncertainty_mm[partners]),
+        ("before", differences.value_mm[rows], earlier.difference_uncertainty_mm[rows]),
+        ("after", differences_after.value_mm[partners], later.difference_uncertainty_mm[partners]),
     )
 
 
@@ -107,11 +107,11 @@ def _differences(
         aside = (2 * k + 1 - len(shown)) * ASIDE
         x = tuple(place + aside for place in range(1, len(names) + 1))
         series.append(Series(name, x, *(tuple(column.tolist()) for column in columns)))
-    words = tuple(map(difference_words, names))
-    if words == tuple(names):
-        return Chart("Differences", "", "mm", tuple(series), words)
-    legs = tuple(name.partition(",")[0] for name in words)
-    return Chart("Differences: leg along axis", "", "mm", tuple(series), words, x_groups=legs)
+    labels = tuple(map(difference_words, names))
+    if labels == tuple(names):
+        return Chart("Differences", "", "mm", tuple(series), labels)
+    legs = tuple(name.partition(",")[0] for name in labels)
+    return Chart("Differences: leg along axis", "", "mm", tuple(series), labels, x_groups=legs)
 
 
 HALF = 0.36
@@ -141,19 +141,19 @@ def residuals_before_and_after(cells: Sequence[Cell]) -> Chart:
         noise += [(place + side, y) for side in (-EDGE, EDGE) for y in (-floor, floor)]
     adopted = any(cell.after_mm is not None for cell in cells)
     aside = BESIDE if adopted else 0.0
-    before: list[Point] = []
-    after: list[Point] = []
+    points_before: list[Point] = []
+    points_after: list[Point] = []
     for cell, part in zip(cells, _parts(cells), strict=True):
         x = places[_set_up(cell)] + HALF * part
-        before.append((x - aside, 1000.0 * cell.before_mm))
+        points_before.append((x - aside, 1000.0 * cell.before_mm))
         if cell.after_mm is not None:
-            after.append((x + aside, 1000.0 * cell.after_mm))
-    series = [series_of(NOISE, noise), series_of("before", before)]
+            points_after.append((x + aside, 1000.0 * cell.after_mm))
+    series = [series_of(NOISE, noise), series_of("before", points_before)]
     if adopted:
-        series.append(series_of("after adopting", after))
+        series.append(series_of("after adopting", points_after))
     of_tool = any(cell.position_mm for cell in cells)
-    words = f"{'positions' if of_tool else 'displacement'} from left to right"
-    return Chart("Mean residual", words, "µm", tuple(series), names)
+    label = f"{'positions' if of_tool else 'displacement'} from left to right"
+    return Chart("Mean residual", label, "µm", tuple(series), names)
 
 
 def _set_up(cell: Cell) -> tuple[str, str, float]:

@@ -35,7 +35,7 @@ def strip_rows(trace: Trace, columns: int, rows: int) -> tuple[str, ...]:
         return chart_rows(trace, columns, rows)
     chart = chart_rows(trace, columns - SCALE_COLUMNS, rows)
     pairs = zip(chart, scale_rows(trace, rows), strict=True)
-    return tuple(f"{row}{words:>{SCALE_COLUMNS}}" for row, words in pairs)
+    return tuple(f"{row}{label:>{SCALE_COLUMNS}}" for row, label in pairs)
 
 
 def scale_rows(trace: Trace, rows: int) -> tuple[str, ...]:
@@ -50,13 +50,13 @@ def scale_rows(trace: Trace, rows: int) -> tuple[str, ...]:
     if rows < 3:
         return (size, *[""] * (rows - 1))[:rows]
     decimals = 3 if upper - lower < 1.0 else 2 if upper - lower < 10.0 else 1
-    words = [""] * rows
-    words[0], words[-1] = signed(upper, decimals), signed(lower, decimals)
-    words[1] = size
+    labels = [""] * rows
+    labels[0], labels[-1] = signed(upper, decimals), signed(lower, decimals)
+    labels[1] = size
     rest_mm = trace.band_mm[1] - trace.band_mm[0]
     if rows > 3 and rest_mm > 0.0:
-        words[2] = f"rest {_length_words(rest_mm)}"
-    return tuple(words)
+        labels[2] = f"rest {_length_words(rest_mm)}"
+    return tuple(labels)
 
 
 def _length_words(length_mm: float) -> str:
@@ -80,12 +80,12 @@ def chart_rows(trace: Trace, columns: int, rows: int) -> tuple[str, ...]:
         return min(max(math.floor((upper - value_mm) * per_mm), 0), high - 1)
 
     dots = [0] * wide  # a bit for each dot of a column, topmost first
-    before = trace.moments[0]
+    previous = trace.moments[0]
     for moment in trace.moments:
         ago, low, high_mm = moment
-        if before[0] == ago + 1:
-            low, high_mm = min(low, before[2]), max(high_mm, before[1])
-        before = moment
+        if previous[0] == ago + 1:
+            low, high_mm = min(low, previous[2]), max(high_mm, previous[1])
+        previous = moment
         line = (2 << down(low)) - (1 << down(high_mm))  # every dot from the highest to the lowest
         first = (SLOTS - 1 - ago) * wide // SLOTS
         for x in range(first, max(first + 1, (SLOTS - ago) * wide // SLOTS)):

@@ -73,8 +73,8 @@ def _results(certified: CertifiedPostures) -> Iterator[Result]:
     result, later = certified.calibration, certified.later
     document = HexaSlideCalibrationReport.of(result)
     calibrated = machine_like(result.source.machine, "", result.entered)
-    words = SOME_ALONE if document.individually_known else NOT_ALONE
-    yield Result("Values to enter", words, [*_entered(calibrated)])
+    text = SOME_ALONE if document.individually_known else NOT_ALONE
+    yield Result("Values to enter", text, [*_entered(calibrated)])
     yield Result(
         "Error of the platform over the box",
         "Places of its origin, frames that no reading shows, and that of a tracker, laid over.",
@@ -132,8 +132,8 @@ def _platform(platform: PlatformReport, now: str, bound: str) -> Iterator[Certif
     yield CertifiedValue(f"root mean square, {now}", platform.now_rms_mm, unit)
     yield CertifiedValue(f"largest, {now}", platform.now_worst_mm, unit)
     if platform.bound_rms_mm is not None:
-        words = "Upper 95 % bound of the root mean square."
-        yield CertifiedValue(f"bound, {bound}", platform.bound_rms_mm, unit, words=words)
+        text = "Upper 95 % bound of the root mean square."
+        yield CertifiedValue(f"bound, {bound}", platform.bound_rms_mm, unit, words=text)
 
 
 def _entered(machine: HexaSlideMachine) -> Iterator[CertifiedValue]:

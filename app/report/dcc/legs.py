@@ -128,8 +128,8 @@ def _entered(calibration: CertifiedCalibration) -> tuple[str, list[CertifiedValu
             for tower in change.towers
             if tower.travel
         ]
-        words = "Values that the firmware of the printer is to hold."
-        return words, [*towers, radius, *travels]
+        text = "Values that the firmware of the printer is to hold."
+        return text, [*towers, radius, *travels]
     standard, expanded = (column.tolist() for column in result.corrections.uncertainties_mm())
     values = zip(LEG_NAMES, result.joint_offsets_mm, expanded, standard, strict=True)
     return (

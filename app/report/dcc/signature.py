@@ -60,14 +60,14 @@ def read_key(path: Path, password: Callable[[], str]) -> SigningKey:
         raise RecordError(thing, reason=reason, allowed=ALLOWED) from problem
     if not isinstance(key, rsa.RSAPrivateKey | ec.EllipticCurvePrivateKey):
         raise RecordError(thing, reason="no private key for signatures", allowed=ALLOWED)
-    own = next((c for c in certificates if c.public_key() == key.public_key()), None)
-    if own is None:
+    certificate = next((c for c in certificates if c.public_key() == key.public_key()), None)
+    if certificate is None:
         raise RecordError(thing, reason="no certificate of this key", allowed=ALLOWED)
-    first, until = own.not_valid_before_utc, own.not_valid_after_utc
+    first, until = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     if not first <= datetime.now(UTC) <= until:
         reason = f"a certificate from {first:%Y-%m-%d} to {until:%Y-%m-%d}"
         raise RecordError(thing, reason, "one that is valid today")
-    return SigningKey(key, [own, *(c for c in certificates if c is not own)])
+    return SigningKey(key, [certificate, *(c for c in certificates if c is not certificate)])
 
 
 def signed(xml: str, key: SigningKey) -> bytes:

@@ -166,7 +166,7 @@ def _machine(machine: Machine, tolerance_mm: float | None) -> Table:
     geometry = machine.geometry()
     lengths = dict.fromkeys(f"{mm:g}" for mm in geometry.leg_length_mm)
     spread = f"{machine.offset_tolerance_mm:g} and {machine.length_tolerance_mm:g} mm"
-    table = new_table("machine", machine.name, left=2)
+    table = new_table("machine", machine.name, left_columns=2)
     table.add_row("length of the bars", f"{', '.join(lengths)} mm")
     table.add_row("travel from Zero", f"{machine.travel_min_mm:+g} … {machine.travel_max_mm:+g} mm")
     table.add_row("tolerance of joint offsets and lengths (standard deviation)", spread)
@@ -182,7 +182,9 @@ def _sessions(sessions: Sequence[Session], counted: Mapping[str, int]) -> list[T
     if len(sessions) > BESIDE:
         parts = sessions[:BESIDE], sessions[BESIDE:]
         return [table for part in parts for table in _sessions(part, counted)]
-    table = new_table("session", *(record.name for record in sessions), left=1 + len(sessions))
+    table = new_table(
+        "session", *(record.name for record in sessions), left_columns=1 + len(sessions)
+    )
     opened = [session.opened for session in sessions]
     contacts = all(session.of_contacts for session in sessions)
     rows: dict[str, Iterable[str]] = {
@@ -215,8 +217,8 @@ def _set_ups(session: Session) -> list[Picture]:
     first: dict[str, Step] = {}
     for step in session.steps():
         first.setdefault(step.leg, step)
-    drawn = [drawn_set_up(session, step, session.opened.instruments) for step in first.values()]
-    drawings = [drawing for drawing in drawn if drawing is not None]
+    pictures = [drawn_set_up(session, step, session.opened.instruments) for step in first.values()]
+    drawings = [drawing for drawing in pictures if drawing is not None]
     caption = "Places of the indicators; + is the direction in which readings grow."
     return [Picture(drawings_svg(drawings), caption)] if drawings else []
 
@@ -264,8 +266,8 @@ def _offsets(result: SessionSolution, machine: Machine) -> Table:
     wide_mm = result.corrections.half_widths_mm().tolist()
     columns = (machine.entered_offsets_mm, result.joint_offsets_mm, wide_mm)
     for name, now_mm, added, wide in zip(LEG_NAMES, *columns, strict=True):
-        now, add, both = map(shown_value, (now_mm, added, now_mm + added))
-        table.add_row(name, now, add, uncertain(wide, 4), both)
+        now, add, total = map(shown_value, (now_mm, added, now_mm + added))
+        table.add_row(name, now, add, uncertain(wide, 4), total)
     return table
 
 
@@ -273,7 +275,7 @@ def _vectors(result: SessionSolution, when: str) -> Picture:
     """Which way the tool is off without the values entered, ``when`` that is, and with them."""
     correction = result.correction
     states = ((when, correction.off_now), ("with these values entered", correction.off))
-    maps = [(words, vector_maps(off, correction.frame)) for words, off in states]
+    maps = [(label, vector_maps(off, correction.frame)) for label, off in states]
     caption = (
         f"Expected error of the tool, {FRAME_WORDS[correction.frame]}, on three planes through "
         "Zero. All arrows have one scale; colour is the length in space. What may be off in any "
@@ -417,17 +419,17 @@ def _doubted(result: SessionSolution, sessions: Sequence[Session]) -> Section:
         (suspect.session, suspect.reading.reading): suspect.studentised
         for suspect in result.suspects
     }
-    table = new_table("session", "no.", "at", "value, mm", "", left=3)
+    table = new_table("session", "no.", "at", "value, mm", "", left_columns=3)
     lines = []
     for session in sessions:
         for reading in session.all_readings:
             why = [_state(session, reading)]
             if (off := suspects.get((session.name, reading.reading))) is not None:
                 why.append(f"{signed(off, 1)} standard deviations from its repeats")
-            if words := "; ".join(filter(None, why)):
+            if reasons := "; ".join(filter(None, why)):
                 of = (session.name, f"{reading.reading}", reading.place_words)
-                table.add_row(*of, signed(reading.value_mm, 4), words)
-        lines += [f"{session.name}: {words}" for words in left_out_words(session)]
+                table.add_row(*of, signed(reading.value_mm, 4), reasons)
+        lines += [f"{session.name}: {reasons}" for reasons in left_out_words(session)]
     fallback = "No reading was questioned or superseded, and all fit their repeats."
     return Section(
         "Questioned and superseded readings", [*lines, table if table.rows else fallback]
@@ -439,7 +441,9 @@ def _readings(session: Session) -> Section:
     readings = session.all_readings
     axes = sorted({reading.axis for reading in readings})
     values = [f"{axis}, mm" for axis in axes]
-    table = new_table("no.", "mounting", "at", "station", *values, "time, min", "°C", "", left=3)
+    table = new_table(
+        "no.", "mounting", "at", "station", *values, "time, min", "°C", "", left_columns=3
+    )
     several = len({reading.station for reading in readings}) > 1
     rows: list[tuple[tuple[str, ...], dict[str, Reading]]] = []
     for reading in readings:

@@ -189,9 +189,9 @@ def draw_leg(leg: LegFigure, above: Axes, below: Axes) -> None:
         axes.locator_params(axis="x", integer=True)  # no half numbers of positions
 
 
-def _merge_legs(*both: Axes) -> None:
+def _merge_legs(*pair: Axes) -> None:
     """One path for the points of each series of a leg."""
-    for axes in both:
+    for axes in pair:
         _merge_points(axes, [line for line in axes.lines if line.get_marker() in POINTS])
 
 
@@ -352,20 +352,20 @@ def maps_svg(maps: Sequence[PlaneMap]) -> str:
                 vmin=0.0,
                 vmax=DARKEST * most_um,
             )
-            words = [
+            cells = [
                 [f"{um:.{decimals}f}" if math.isfinite(um) else "–" for um in row] for row in grid
             ]
-            _write_cells(axes, plane.coordinate_mm.tolist(), plane.up_mm.tolist(), words)
+            _write_cells(axes, plane.coordinate_mm.tolist(), plane.up_mm.tolist(), cells)
             axes.grid(visible=False)
             axes.set(xlabel=f"{plane.across}, mm", ylabel=f"{plane.up}, mm", aspect="equal")
     return out.getvalue()
 
 
 def _write_cells(
-    axes: Axes, across: Sequence[float], up: Sequence[float], words: Sequence[Sequence[str]]
+    axes: Axes, across: Sequence[float], up: Sequence[float], cells: Sequence[Sequence[str]]
 ) -> None:
     """Small words in the middle of each cell, by rows."""
-    for y, row in zip(up, words, strict=True):
+    for y, row in zip(up, cells, strict=True):
         for x, cell in zip(across, row, strict=True):
             axes.text(x, y, cell, ha="center", va="center", size=6)
 
@@ -373,13 +373,13 @@ def _write_cells(
 def correlations_svg(names: Sequence[str], correlation: FloatArray) -> str:
     """Correlation coefficients ``(k, k)`` of named parameters, as colour and digits."""
     coefficients, places = correlation.tolist(), [k + 0.5 for k in range(len(names))]
-    words = [[f"{value:+z.2f}" for value in row] for row in coefficients]
-    for k, row in enumerate(words):
+    cells = [[f"{value:+z.2f}" for value in row] for row in coefficients]
+    for k, row in enumerate(cells):
         row[k] = "1"
     height_in = BOTTOM_IN + ROW_IN * len(names)
     with _figure(WIDTH_IN, height_in, left_in=1.2, top_in=0.06) as ((axes,), out):
         axes.pcolormesh(coefficients, cmap="RdBu_r", vmin=-DARKEST, vmax=DARKEST)
-        _write_cells(axes, places, places, words)
+        _write_cells(axes, places, places, cells)
         axes.set_xticks(places, names, size=6)
         axes.set_yticks(places, names)
         axes.invert_yaxis()
@@ -423,10 +423,10 @@ def pareto_svg(shares: Sequence[BudgetShare]) -> str:
         together = [100.0 * share.cumulative for share in shares]
         share_axes.plot(together, rows, "o-", color=COLOURS[1], ms=3, lw=1.0)
         for row, percent in zip(rows, together, strict=True):
-            words = f"{percent:.0f} %"
+            label = f"{percent:.0f} %"
             ground = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
             place = (percent, row), (6, -3)
-            share_axes.annotate(words, *place, textcoords="offset points", bbox=ground)
+            share_axes.annotate(label, *place, textcoords="offset points", bbox=ground)
         share_axes.grid(visible=False)
         share_axes.set(xlim=(0.0, 115.0), xlabel="share of the square of U together, %")
     return out.getvalue()
@@ -447,7 +447,7 @@ def vectors_svg(maps: Sequence[tuple[str, Sequence[VectorMap]]]) -> str:
     with _figure(WIDTH_IN, height_in, columns, len(maps), right_in=SCALE_IN) as (all_axes, out):
         arrows: list[Quiver] = []
         for number, axes in enumerate(all_axes):
-            words, row = maps[number // columns]
+            label, row = maps[number // columns]
             plane = row[number % columns]
             across, up = plane.along_across, plane.along_up
             quiver = axes.quiver(
@@ -468,9 +468,9 @@ def vectors_svg(maps: Sequence[tuple[str, Sequence[VectorMap]]]) -> str:
             axes.set(xlabel=f"{across.across}, mm", ylabel=f"{across.up}, mm", aspect="equal")
             axes.margins(0.15)
             if number % columns == 0:
-                axes.set_title(words, loc="left", size=7.5)
-        beside = all_axes[0].figure.add_axes((1.0 - 0.8 * SCALE_IN / WIDTH_IN, 0.2, 0.012, 0.6))
-        all_axes[0].figure.colorbar(arrows[0], cax=beside, label="µm")
+                axes.set_title(label, loc="left", size=7.5)
+        scale_axes = all_axes[0].figure.add_axes((1.0 - 0.8 * SCALE_IN / WIDTH_IN, 0.2, 0.012, 0.6))
+        all_axes[0].figure.colorbar(arrows[0], cax=scale_axes, label="µm")
     return out.getvalue()
 
 

@@ -75,7 +75,7 @@ LONGEST = 400
 
 def source_of_postures(
     path: Path,
-    after: Path | None = None,
+    later_path: Path | None = None,
     tolerance_mm: float | None = None,
     head: CertificateHead | None = None,
 ) -> ReportSource:
@@ -83,7 +83,7 @@ def source_of_postures(
 
     Raises as `certified_postures`.
     """
-    return source_from(certified_postures(path, after, tolerance_mm, head))
+    return source_from(certified_postures(path, later_path, tolerance_mm, head))
 
 
 def source_from(certified: CertifiedPostures) -> ReportSource:
@@ -159,10 +159,10 @@ def _readings(session: PostureSession) -> Section:
 def _decision(certified: CertifiedPostures) -> str:
     """The decision that heads the report: after a verification that of the later session."""
     if certified.later is not None:
-        verified, words = certified.later.verification, "measured again"
-        return _judged(verified.decision, verified.after, verified.tolerance_mm, words)
-    words = "as it was measured"
-    return _judged(certified.decision, certified.calibration, certified.tolerance_mm, words)
+        verified, label = certified.later.verification, "measured again"
+        return _judged(verified.decision, verified.after, verified.tolerance_mm, label)
+    label = "as it was measured"
+    return _judged(certified.decision, certified.calibration, certified.tolerance_mm, label)
 
 
 def _judged(
@@ -184,7 +184,7 @@ def _object(certified: CertifiedPostures) -> Table:
     """The machine, the customer, and the sessions that were measured."""
     opened = [session.opened for session, _ in certified.sessions]
     counts = (f"{len(session.readings)}" for session, _ in certified.sessions)
-    table = new_table("object", shortened(opened[0].machine.full_name), left=2)
+    table = new_table("object", shortened(opened[0].machine.full_name), left_columns=2)
     rows: list[tuple[str, Iterable[str | None]]] = [
         *ordered_rows(certified.head, certified.serial_numbers),
         ("measured", dict.fromkeys(day_words(s.opened, s.readings) for s, _ in certified.sessions)),
@@ -249,7 +249,7 @@ def _chains(
 
 def _values(result: CalibratedMachine, calibrated: HexaSlideMachine) -> Table:
     """Every value of the machine file beside the calibrated one."""
-    table = new_table("chain", "key", "machine file", "calibrated", "change", left=2)
+    table = new_table("chain", "key", "machine file", "calibrated", "change", left_columns=2)
 
     def add(place: str, key: str, was: Sequence[float], now: Sequence[float], digits: int) -> None:
         axes = "xyz" if len(was) > 1 else ("",)
@@ -275,8 +275,8 @@ def _verified(verification: VerifiedMachine | None) -> list[str]:
     """What a later session says of the machine that was entered."""
     if verification is None:
         return [NOT_VERIFIED]
-    decision, before, *next_lines = verification_lines(verification)
-    return [decision, f"{before} Session: {verification.after.name}.", *next_lines]
+    decision, sentence, *next_lines = verification_lines(verification)
+    return [decision, f"{sentence} Session: {verification.after.name}.", *next_lines]
 
 
 def _drawn(result: CalibratedMachine) -> Picture:
@@ -299,7 +299,7 @@ def _all_limits(result: PostureResult, document: HexaSlideCalibrationReport) -> 
 
 def _machine(machine: HexaSlideMachine, tolerance_mm: float | None) -> Table:
     """What was known of it before; tolerances of parts are standard deviations."""
-    table = new_table("machine", machine.name, left=2)
+    table = new_table("machine", machine.name, left_columns=2)
     box = machine.box
     for axis in "xyz":
         low, high = getattr(box, f"{axis}_mm")

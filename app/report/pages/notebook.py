@@ -40,8 +40,8 @@ class SessionFigures:
         """Inline SVG, as Jupyter asks for it. Needs matplotlib."""
         from app.report.pages.figures import legs_svg
 
-        drawn = (legs_svg(row) for row in leg_rows(self.legs))
-        return "\n".join(f"<div>{svg[svg.index('<svg') :]}</div>" for svg in drawn)
+        pictures = (legs_svg(row) for row in leg_rows(self.legs))
+        return "\n".join(f"<div>{svg[svg.index('<svg') :]}</div>" for svg in pictures)
 
     def draw(self, number: int, above: Axes, below: Axes) -> None:
         """One of the pictures on two axes: readings, and what is left of them."""

@@ -164,7 +164,7 @@ def source_of_legs(
     sessions: Sequence[Path],
     *,
     model: Path | None = None,
-    after: Path | None = None,
+    later_path: Path | None = None,
     tolerance_mm: float | None = None,
     head: CertificateHead | None = None,
 ) -> ReportSource:
@@ -173,11 +173,11 @@ def source_of_legs(
 
     Raises as `calibration_of`.
     """
-    if len(sessions) == 1 and after is None:
-        first, after = reported_pair(sessions[0])
+    if len(sessions) == 1 and later_path is None:
+        first, later_path = reported_pair(sessions[0])
         sessions = [first]
     calibration = calibration_of(
-        sessions, model=model, after=after, tolerance_mm=tolerance_mm, head=head
+        sessions, model=model, later_path=later_path, tolerance_mm=tolerance_mm, head=head
     )
 
     def certificate() -> CertificateContents:

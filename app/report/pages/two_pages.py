@@ -106,7 +106,7 @@ def _object(calibration: CertifiedCalibration) -> Table:
     """The machine, the customer, and the sessions that were measured."""
     machine, sessions = calibration.machine, calibration.sessions
     opened = [session.opened for session in sessions]
-    table = new_table("object", shortened(machine.name), left=2)
+    table = new_table("object", shortened(machine.name), left_columns=2)
     procedures = (start.procedure.name if start.procedure else None for start in opened)
     count = sum(calibration.counted.values())
     rows: list[tuple[str, Iterable[str | None]]] = [
@@ -147,9 +147,9 @@ def ordered_rows(
     rows += [("serial number in the record", [number]) for number in serial_numbers[1:]]
     if head:
         order = head.order
-        stated, customer = order.machine, order.customer
+        machine, customer = order.machine, order.customer
         rows += [
-            ("manufacturer, model", (stated.manufacturer, stated.model)),
+            ("manufacturer, model", (machine.manufacturer, machine.model)),
             ("customer", [customer.name]),
             ("address", customer.address),
             ("place of calibration", [order.place]),
@@ -167,7 +167,7 @@ def traceability(instruments: Sequence[InstrumentIdentity], gauge: str) -> list[
     """The certificates of instruments, each a ``gauge``; without one nothing is traceable."""
     if not instruments:
         return [f"No {gauge} is named, so no traceability to the SI is shown."]
-    table = new_table(gauge, "serial number", "certificate", "of", left=4)
+    table = new_table(gauge, "serial number", "certificate", "of", left_columns=4)
     for instrument in instruments[:MOST_INSTRUMENTS]:
         date = f"{instrument.certificate_date}" if instrument.certificate_date else ""
         serial, certificate = instrument.serial_number or "", instrument.certificate
@@ -176,24 +176,24 @@ def traceability(instruments: Sequence[InstrumentIdentity], gauge: str) -> list[
     if len(instruments) > MOST_INSTRUMENTS:
         table.add_row(f"{len(instruments) - MOST_INSTRUMENTS} more in the annex", "", "", "")
     if all(instrument.certificate for instrument in instruments):
-        words = f"Lengths are traceable to the SI through these certificates of the {gauge}s."
+        text = f"Lengths are traceable to the SI through these certificates of the {gauge}s."
     else:
-        words = f"Traceability to the SI is not shown: not every {gauge} has a certificate."
-    return [table, words]
+        text = f"Traceability to the SI is not shown: not every {gauge} has a certificate."
+    return [table, text]
 
 
 def _result(calibration: CertifiedCalibration) -> list[str | Table]:
     """What is entered, and what the tool is off by without it and with it."""
     result, entered = calibration.result, calibration.verification is not None
     correction, change = result.correction, result.printer_change
-    words = f"The values leave least of the tool's error, {FRAME_WORDS[correction.frame]}."
+    text = f"The values leave least of the tool's error, {FRAME_WORDS[correction.frame]}."
     if change:
         values = change_tables(change)
         warnings = [*doubt_lines(result), *change_answers(result, change)]
     else:
         values = [correction_table(correction)]
-        words = (
-            f"True position of a joint = believed position + d_rho. {words} They, not the joints "
+        text = (
+            f"True position of a joint = believed position + d_rho. {text} They, not the joints "
             "alone, are within ± U."
         )
         warnings = [*warning_lines(result, correction)]
@@ -201,7 +201,7 @@ def _result(calibration: CertifiedCalibration) -> list[str | Table]:
         bound_table(correction.frame, correction.off_now, result.entered.off, entered=entered),
         DECISION_RULE,
         *values,
-        words,
+        text,
         *map(_short_sentence, warnings[:MOST_WARNINGS]),
     ]
 
@@ -213,15 +213,15 @@ def _verified(verification: Verification | None) -> list[str | Table]:
             "No session after the values were entered belongs to this document. What the tool "
             "keeps with them is predicted from the readings, not measured."
         ]
-    words = [decided(verification), *what_to_do(verification)]
-    return [*map(_short_sentence, words), offsets_table(verification)]
+    sentences = [decided(verification), *what_to_do(verification)]
+    return [*map(_short_sentence, sentences), offsets_table(verification)]
 
 
 def shortened_limits(limits: Sequence[str], longest: int = LONGEST) -> list[str]:
     """The gravest, how many more are in the annex, and what holds for all results."""
     more_count = len(limits) - MOST_LIMITS
     return [
-        *(shortened(words, longest) for words in limits[:MOST_LIMITS]),
+        *(shortened(text, longest) for text in limits[:MOST_LIMITS]),
         *([f"{more_count} more in the annex."] if more_count > 0 else []),
         "The results are of this machine as it was when it was measured.",
     ]

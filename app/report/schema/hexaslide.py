@@ -149,15 +149,15 @@ class MeasuringNoiseEntry:
 
 def _noise(result: CalibratedMachine) -> MeasuringNoiseEntry:
     calibrated, noise = result.fit, result.source.noise
-    stated = math.isinf(calibrated.degrees_of_freedom)
+    noise_stated = math.isinf(calibrated.degrees_of_freedom)
     length = None if calibrated.noise_m is None else 1000.0 * calibrated.noise_m
     angles = any(name in ANGLES for name in result.source.measured)
-    ratio = noise.angle_mrad / noise.length_mm if stated else 1.0
+    ratio = noise.angle_mrad / noise.length_mm if noise_stated else 1.0
     return MeasuringNoiseEntry(
         length,
         length * ratio if angles and length is not None else None,
-        "stated" if stated else "residuals",
-        None if stated else calibrated.degrees_of_freedom,
+        "stated" if noise_stated else "residuals",
+        None if noise_stated else calibrated.degrees_of_freedom,
     )
 
 
@@ -224,9 +224,9 @@ class ComponentResidual:
 
 
 def _by_component(result: CalibratedMachine) -> tuple[ComponentResidual, ...]:
-    after = result.fit.after
-    sizes = 1000.0 * (after.values**2).mean(axis=0) ** 0.5
-    columns = (after.names, sizes.tolist(), after.angular, result.by_column.tolist())
+    residuals = result.fit.after
+    sizes = 1000.0 * (residuals.values**2).mean(axis=0) ** 0.5
+    columns = (residuals.names, sizes.tolist(), residuals.angular, result.by_column.tolist())
     return tuple(
         ComponentResidual(name, size, "mrad" if angular else "mm", share)
         for name, size, angular, share in zip(*columns, strict=True)

@@ -30,8 +30,8 @@ def lengths_of(apart: MachinesApart) -> dict[str, LengthOfBoth]:
         expanded_mm = (1000.0 * apart.expanded_m).tolist()
     columns = zip(INNER_NAMES, first, second, expanded_mm, strict=True)
     return {
-        name: LengthOfBoth(before, after, after - before, half)
-        for name, before, after, half in columns
+        name: LengthOfBoth(earlier_m, later_m, later_m - earlier_m, half)
+        for name, earlier_m, later_m, half in columns
     }
 
 

@@ -160,8 +160,8 @@ def _is_row(kind: object) -> bool:
     """Whether fields have labels; of a class and those that only narrow it the first is enough."""
     if not (isinstance(kind, type) and is_dataclass(kind) and kind.__base__ is object):
         return False
-    stated = any("Quantity(" in str(hint) for hint in kind.__annotations__.values())
-    return stated and any(q.label is not None for q in quantities(kind).values())
+    has_quantity = any("Quantity(" in str(hint) for hint in kind.__annotations__.values())
+    return has_quantity and any(q.label is not None for q in quantities(kind).values())
 
 
 def _documents(above: type[Document]) -> Iterator[type[Document]]:

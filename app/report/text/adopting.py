@@ -83,24 +83,26 @@ class Adopting:
     async def _adopt(
         self, diagnosed: SessionDiagnosis, answer: str, entry: EffectEntry | None = None
     ) -> bool:
-        proposed = self.model or self._unused("_model.json")
-        path = await asked_path(self.person, texts.WHICH_FILE, proposed)
+        model_path = self.model or self._unused("_model.json")
+        path = await asked_path(self.person, texts.WHICH_FILE, model_path)
         if path is None:
             return False
         candidate = None if answer == "named" else answer
-        job = partial(adopt, diagnosed, path, known=self.model, candidate=candidate, held=entry)
+        job = partial(
+            adopt, diagnosed, path, known_model=self.model, candidate=candidate, held=entry
+        )
         if not await self.person.written(job):
             return False
         # a size that a person holds is no part of the posterior given the name
-        words = None if entry else partial(texts.words_on_adopting, diagnosed, candidate)
-        return self._with_model(diagnosed, path, words)
+        text_of = None if entry else partial(texts.words_on_adopting, diagnosed, candidate)
+        return self._with_model(diagnosed, path, text_of)
 
     def _with_model(
-        self, diagnosed: SessionDiagnosis, model: Path, words: Callable[[], str] | None = None
+        self, diagnosed: SessionDiagnosis, model: Path, text_of: Callable[[], str] | None = None
     ) -> bool:
         self.person.say(texts.MODEL_WRITTEN.format(model))
         self.model, self._gap_before_mm = model, diagnosed.diagnosis.gap_before.rms_mm
-        self._words = words
+        self._words = text_of
         return True
 
     def write_next(self, diagnosed: SessionDiagnosis) -> None:
@@ -108,9 +110,9 @@ class Adopting:
 
         Raises UsageError where none is proposed.
         """
-        proposed = diagnosed.separation
-        if proposed is not None and not proposed.candidate.text.startswith("schema"):
-            self.person.say(texts.NO_FILE_NEEDED.format(proposed.candidate.text))
+        separation = diagnosed.separation
+        if separation is not None and not separation.candidate.text.startswith("schema"):
+            self.person.say(texts.NO_FILE_NEEDED.format(separation.candidate.text))
             return
         path = self._unused("_next.toml")
         write_procedure(diagnosed, path)

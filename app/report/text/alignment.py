@@ -48,13 +48,13 @@ def aligned_text(aligned: RailAlignment) -> str:
     )
     square = aligned.alignment.to_square
     names = ("from square", "miss each other") if square else ("turned", "moved")
-    figures = new_table("axes", f"{names[0]}, mrad", "±", f"{names[1]}, mm", "±", left=1)
+    figures = new_table("axes", f"{names[0]}, mrad", "±", f"{names[1]}, mm", "±", left_columns=1)
     by_pair = dict(zip(AROUND, zip(off[3:], half[3:], strict=True), strict=True))
     for k, pair in enumerate(PAIRS):
         mm, wide = by_pair[pair if pair in by_pair else pair[::-1]]
         lean = signed(off[k])
         figures.add_row(pair.upper(), lean, uncertain(half[k]), signed(mm), uncertain(wide))
-    moves = new_table("move the end of", "at, mm", "towards", "by, mm", "±", "", left=1)
+    moves = new_table("move the end of", "at, mm", "towards", "by, mm", "±", "", left_columns=1)
     for shim in aligned.shims:
         fine = "" if shim.needed else "fine, leave it"
         moves.add_row(*_cells(shim), uncertain(shim.expanded_mm), fine)
@@ -143,8 +143,8 @@ def screw_text(work: Round) -> str:
     elif not work.watchable(shim):
         do = "No turn of this screw shows at Zero: turn it by the number, then {align.asked}."
     else:
-        there = f"leg {leg} along {axis}, {along:.0f} mm from the tool end"
-        do = f"Machine at Zero. Indicator on {there}; {{align.watch}}."
+        place = f"leg {leg} along {axis}, {along:.0f} mm from the tool end"
+        do = f"Machine at Zero. Indicator on {place}; {{align.watch}}."
     move = f"R{rail[1:]}: {by} mm towards {towards} under the end at {at} mm."
     return f"{move}\n{parallel}\n{do}"
 

@@ -139,8 +139,8 @@ class Correcting:
         if any(r.step == step for r in session.readings) or step in session.skipped:
             count = len(guided.steps_repeated_with(step))
             question = questions.again_question(step, step in session.skipped, count)
-            words = f"Step {step} is measured again: {{}}"
-            return await self._with_reason(question, partial(guided.repeat, step), words)
+            text = f"Step {step} is measured again: {{}}"
+            return await self._with_reason(question, partial(guided.repeat, step), text)
         question = questions.RESTORE_QUESTION.format(step, guided.why_superseded(step))
         if await self.person.choice(question, questions.RESTORE_CHOICES) != "use":
             return False
@@ -149,12 +149,12 @@ class Correcting:
         return True
 
     async def _with_reason(
-        self, question: str, writing: Callable[[str], object], words: str
+        self, question: str, writing: Callable[[str], object], text: str
     ) -> bool:
         """Ask for a reason and write it, then tell so; without one nothing changes."""
         as_before = questions.as_before_words(self.guided.step())
         reason = await self.person.line(question, "reason", as_before)
         if reason:
             writing(reason)
-        self.person.say(words.replace("{}", reason) if reason else as_before.capitalize())
+        self.person.say(text.replace("{}", reason) if reason else as_before.capitalize())
         return bool(reason)

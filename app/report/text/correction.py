@@ -92,8 +92,8 @@ def bound_table(first: Frame, off_now: ToolOff, off: ToolOff, *, entered: bool =
     when = f"{before_or_now(entered)}, mm"
     table = new_table("tool error, r.m.s. (95 %)", when, "with these values, mm")
     for frame in frames_of(first):
-        now, after = off_now.bound_in(frame), off.bound_in(frame)
-        table.add_row(FREE_WORDS[frame], uncertain(now), uncertain(after))
+        now, corrected_mm = off_now.bound_in(frame), off.bound_in(frame)
+        table.add_row(FREE_WORDS[frame], uncertain(now), uncertain(corrected_mm))
     return table
 
 
@@ -108,12 +108,12 @@ def gains_table(result: SessionSolution) -> Table:
 def off_line(frame: Frame, off_now: ToolOff, off: ToolOff) -> str:
     """The bound as one line, the chosen frame first."""
     first, *frames_beside = frames_of(frame)
-    beside = ", ".join(
+    frames = ", ".join(
         f"{FRAME_WORDS[name]} {uncertain(off.bound_in(name))} mm" for name in frames_beside
     )
     return (
         f"{BOUND}at most {uncertain(off_now.bound_in(first))} mm now, at most "
-        f"{uncertain(off.bound_in(first))} mm with these values, {FRAME_WORDS[first]}; {beside}."
+        f"{uncertain(off.bound_in(first))} mm with these values, {FRAME_WORDS[first]}; {frames}."
     )
 
 
@@ -133,9 +133,9 @@ def left_out_lines(left_out: Iterable[LeftOut]) -> Iterator[str]:
 
 def gain_line(result: SessionSolution, correction: SessionCorrection) -> str:
     """What other exports of the same controller would gain, as one line."""
-    words = {**FORMATS_WORDS, correction.holds: "this export with the parts that it leaves out"}
+    labels = {**FORMATS_WORDS, correction.holds: "this export with the parts that it leaves out"}
     gains = [
-        f"{words[gain.holds]} at most {uncertain(gain.bound_mm)} mm"
+        f"{labels[gain.holds]} at most {uncertain(gain.bound_mm)} mm"
         for gain in result.corrections.others(correction)
         if gain.clear
     ]

@@ -179,10 +179,10 @@ def _support(diagnosed: SessionDiagnosis, key: str = "") -> list[str]:
 def tool_text(tool: DiagnosedTool) -> str:
     """What the tool is off by at most, as it is and with values entered."""
     bounds_mm = _bounds_mm(tool)
-    words = " ".join(f"With {way}: {uncertain(bounds_mm[way])} mm." for way in _ways(tool))
+    text = " ".join(f"With {way}: {uncertain(bounds_mm[way])} mm." for way in _ways(tool))
     return (
         f"Tool over the workspace, r.m.s. (95 %), {FRAME_WORDS[tool.frame]}: at most "
-        f"{uncertain(tool.now_mm)} mm now. {words}"
+        f"{uncertain(tool.now_mm)} mm now. {text}"
     )
 
 
@@ -257,20 +257,22 @@ WITH_DISTANCES = (
 def gap_text(diagnosed: SessionDiagnosis) -> str:
     """The gap in the readings and its chance, before and after what was named or guessed."""
     diagnosis, noise = diagnosed.diagnosis, diagnosed.noise
-    before, after = diagnosis.gap_before, diagnosis.gap_after
+    gap_before, gap_after = diagnosis.gap_before, diagnosis.gap_after
     if noise is None:
         return (
-            f"Gap {before.rms_mm:.4f} mm r.m.s., {freedom_words(before)}; "
+            f"Gap {gap_before.rms_mm:.4f} mm r.m.s., {freedom_words(gap_before)}; "
             "without a scatter of repeats or a stated noise it may be chance."
         )
     noise_words = uncertain(noise.standard_deviation_mm, 4)
     sentence = (
-        f"Gap {before.rms_mm:.4f} mm r.m.s. beyond the scatter of repeats (noise of a reading "
-        f"{noise_words} mm), {freedom_words(before)}; it {by_chance(before.p_value)}."
+        f"Gap {gap_before.rms_mm:.4f} mm r.m.s. beyond the scatter of repeats (noise of a reading "
+        f"{noise_words} mm), {freedom_words(gap_before)}; it {by_chance(gap_before.p_value)}."
     )
-    if after != before:
+    if gap_after != gap_before:
         added = "what was named" if diagnosis.effects else "the best guess"
-        sentence += f"\nWith {added}: {after.rms_mm:.4f} mm; that {by_chance(after.p_value)}."
+        sentence += (
+            f"\nWith {added}: {gap_after.rms_mm:.4f} mm; that {by_chance(gap_after.p_value)}."
+        )
     if any(session.distances for session in diagnosed.sessions):
         sentence += f"\n{WITH_DISTANCES}"
     return sentence
@@ -371,7 +373,7 @@ def held_out_words(gap: HeldOutGap) -> str:
 
 def shares_text(shares: tuple[GapPart, ...]) -> str:
     """The parts of the readings where the gap lies."""
-    table = new_table("part", "share", "", "p-value", left=1)
+    table = new_table("part", "share", "", "p-value", left_columns=1)
     for share in shares[:SHOWN_SHARES]:
         bar = "█" * round(20 * min(share.share, 1.0))
         table.add_row(part_words(share), f"{share.share:.0%}", bar, p_words(share.p_value))
@@ -408,23 +410,23 @@ def candidates_table(candidates: Sequence[Contender]) -> Table:
     """The candidates, each with the part of the gap that it explains alone and what it leaves."""
     held_out = any(candidate.held_out_gap_rms_mm is not None for candidate in candidates)
     last = "held out" if held_out else "explains"
-    table = new_table("effect", "where", "likely", "gap, mm", last, "why", left=2)
+    table = new_table("effect", "where", "likely", "gap, mm", last, "why", left_columns=2)
     table.columns[-1].justify = "left"
     for candidate in candidates:
         likely = probability_words(candidate.probability)
         unseen_mm = candidate.held_out_gap_rms_mm
         unseen = "" if unseen_mm is None else f"{unseen_mm:.4f}"
         alone = unseen if held_out else f"{candidate.explained:.0%}"
-        left, why = f"{candidate.gap_rms_after_mm:.4f}", candidate.reason_rejected or "named"
-        table.add_row(candidate.id, candidate.where, likely, left, alone, why)
+        gap_text, why = f"{candidate.gap_rms_after_mm:.4f}", candidate.reason_rejected or "named"
+        table.add_row(candidate.id, candidate.where, likely, gap_text, alone, why)
     return table
 
 
 def candidates_text(diagnosis: Diagnosis) -> str:
     """The candidates that are shown, the likeliest first; empty where there is no choice."""
     candidates = shown_candidates(diagnosis)
-    words = "Candidates, the likeliest first, and the gap that each alone leaves"
-    return f"{words}\n{table_text(candidates_table(candidates))}" if len(candidates) > 1 else ""
+    text = "Candidates, the likeliest first, and the gap that each alone leaves"
+    return f"{text}\n{table_text(candidates_table(candidates))}" if len(candidates) > 1 else ""
 
 
 def probability_words(probability: float) -> str:
@@ -473,7 +475,7 @@ def where_text(diagnosed: SessionDiagnosis) -> str:
 def _map_text(cells: Sequence[Cell]) -> str:
     columns = list(dict.fromkeys((cell.leg, cell.axis) for cell in cells))
     cells_both_ways = _both_ways(cells)
-    table = new_table("at, mm", left=0)
+    table = new_table("at, mm", left_columns=0)
     for leg, axis in columns:
         touched = "tool" if leg == "tool" else f"leg {leg.upper()}"
         table.add_column(f"{touched}\nalong {axis.upper()}", justify="right")
@@ -522,12 +524,12 @@ def ranking_text(diagnosed: SessionDiagnosis) -> str:
 def change_text(diagnosed: SessionDiagnosis) -> str:
     """The chart in one line."""
     residuals = diagnosed.diagnosis.residuals
-    after, last = "", " This diagnosis names nothing to adopt."
+    change, last = "", " This diagnosis names nothing to adopt."
     if residuals.after_rms_mm is not None:
         after_um, last = 1000.0 * residuals.after_rms_mm, ""
-        after = f" before, {after_um:.1f} µm after adopting what was named"
+        change = f" before, {after_um:.1f} µm after adopting what was named"
     return wrapped(
-        f"Mean residuals {1000.0 * residuals.before_rms_mm:.1f} µm r.m.s.{after}; their noise "
+        f"Mean residuals {1000.0 * residuals.before_rms_mm:.1f} µm r.m.s.{change}; their noise "
         f"{1000.0 * residuals.noise_rms_mm:.1f} µm, x marks twice the noise.{last}"
     )
 
@@ -540,16 +542,16 @@ def adopt_choices(diagnosed: SessionDiagnosis) -> list[tuple[str, str]]:
     """
     diagnosis = diagnosed.diagnosis
     findings = [finding for finding in diagnosis.effects if finding.effects]
-    words = " and ".join(f"{finding.id} ({finding.where})" for finding in findings)
+    text = " and ".join(f"{finding.id} ({finding.where})" for finding in findings)
     rivals = {(r.id, r.where) for finding in findings for r in finding.indistinguishable_from}
     rival_candidates = [c for c in diagnosis.candidates if (c.id, c.where) in rivals and c.effects]
     mistakes = ", ".join(f"{finding.id} ({finding.where})" for finding in mistakes_of(diagnosed))
     choices = [(CORRECT, f"correct the readings in a new session: {mistakes}")] if mistakes else []
-    choices += [("named", f"adopt {words}")] if findings else []
+    choices += [("named", f"adopt {text}")] if findings else []
     if diagnosis.left_over:
         where = diagnosis.left_over.where
         words_of_rest = (
-            f"adopt {f'{words} and ' if findings else ''}the rest as an unnamed effect ({where})"
+            f"adopt {f'{text} and ' if findings else ''}the rest as an unnamed effect ({where})"
         )
         choices.append((EMPIRICAL, words_of_rest))
     choices += [

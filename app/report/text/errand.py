@@ -29,7 +29,7 @@ class Person(Protocol):
         """One of these answers, each with its words; that ``at`` a place is proposed."""
 
     async def line(
-        self, question: str, hint: str, without: str = "", proposed: str = ""
+        self, question: str, hint: str, without: str = "", default: str = ""
     ) -> str | None:
         """What is typed; ``without`` are words for what happens without it."""
 
@@ -40,9 +40,9 @@ class Person(Protocol):
         """What happened last; keys are ids in braces."""
 
 
-async def asked_path(person: Person, question: str, proposed: Path | str = "") -> Path | None:
+async def asked_path(person: Person, question: str, default: Path | str = "") -> Path | None:
     """The file that is typed; None without an answer."""
-    text = await person.line(question, "path", proposed=str(proposed))
+    text = await person.line(question, "path", default=str(default))
     return Path(text).expanduser() if text else None
 
 
@@ -83,19 +83,21 @@ class SessionChoice:
             answer = await self.person.choice(question, texts.PARTNER_CHOICES)
             if answer != "other":
                 return ("compare", partner, session.path) if answer else None
-        after = await self._one(f"{session.path}\n{texts.WHICH['after']}", session)
-        return ("compare", session.path, after.path) if after else None
+        later = await self._one(f"{session.path}\n{texts.WHICH['after']}", session)
+        return ("compare", session.path, later.path) if later else None
 
-    async def _one(self, question: str, before: SessionFile | None = None) -> SessionFile | None:
-        """A session that can be read; after ``before`` the one that verifies it is proposed."""
-        listed = [session for session in self.recent if session != before]
+    async def _one(
+        self, question: str, partner_file: SessionFile | None = None
+    ) -> SessionFile | None:
+        """A session that can be read; after a ``partner_file`` its verification is proposed."""
+        listed = [session for session in self.recent if session != partner_file]
         rows: list[tuple[SessionFile | None, str]] = [(s, texts.session_label(s)) for s in listed]
-        partner = follow_up(before, listed) if before else None
+        partner = follow_up(partner_file, listed) if partner_file else None
         at = listed.index(partner) if partner else 0
-        words = question if listed else f"{question}\n{texts.NO_SESSIONS}"
+        prompt = question if listed else f"{question}\n{texts.NO_SESSIONS}"
         elsewhere = SessionFile(Path(), texts.ELSEWHERE)
         rows.append((elsewhere, texts.ELSEWHERE))
-        while session := await self.person.choice(words, rows, at):
+        while session := await self.person.choice(prompt, rows, at):
             if session is elsewhere:
                 path = await asked_path(self.person, texts.WHICH_PATH)
                 if path is None:
@@ -103,7 +105,7 @@ class SessionChoice:
                 session = look_at(path)
             if not session.problem:
                 return session
-            words = f"{session.problem}\n\n{question}"
+            prompt = f"{session.problem}\n\n{question}"
         return None
 
 

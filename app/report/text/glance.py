@@ -32,7 +32,7 @@ SOUND = "Nothing to enter: the tool would not become clearly more accurate:"
 
 def glance_text(
     result: SessionSolution,
-    before: SessionSolution | None,
+    earlier: SessionSolution | None,
     actions: Collection[Done],
     columns: int,
     *,
@@ -41,22 +41,22 @@ def glance_text(
 ) -> str:
     """All that an operator needs, for a page that is not scrolled; keys are ids in braces.
 
-    ``before`` is the session that this one verifies.
+    ``earlier`` is the session that this one verifies.
     """
     machine, frame = result.sessions[-1].opened.machine, result.frame
     change, correction = result.printer_change, result.entered
     tolerance_mm = machine.tool_tolerance_mm
     bars = now_and_after(correction.now_mm, correction.bound_mm, tolerance_mm, columns)
-    verdict = [] if before else [bound_sentence(correction, frame, tolerance_mm)]
+    verdict = [] if earlier else [bound_sentence(correction, frame, tolerance_mm)]
     if tolerance_mm:
-        verdict = [judged_sentence(judge(result, tolerance_mm), verified=before is not None)]
-    views = (before and before.view_solution, result.view_solution)
+        verdict = [judged_sentence(judge(result, tolerance_mm), verified=earlier is not None)]
+    views = (earlier and earlier.view_solution, result.view_solution)
     if views[0] and views[1]:
         verdict.append(comparison_sentence(views[0], views[1]))
     caution = export_caution(result) if Done.EXPORTED in actions else ""
     heading = "Add to the offsets in the controller:" if any(machine.entered_offsets_mm) else ""
     if not correction.helps:
-        heading = SOUND if before else WORTHLESS
+        heading = SOUND if earlier else WORTHLESS
     return paragraphs(
         [*verdict, *_cautions(result), *([f"WARNING: {caution}"] if caution else [])],
         heading,

@@ -39,22 +39,22 @@ PUBLISHED_WORDS = {
 
 def postures_text(best: BestPostures) -> str:
     """Criteria before and after, then the postures and how they were found."""
-    postures = new_table(*best.postures[0], left=0)
+    postures = new_table(*best.postures[0], left_columns=0)
     for posture in best.postures:
         postures.add_row(*(f"{value:z.4f}" for value in posture.values()))
     procedure, moved = best.procedure, bool(best.values)
     criteria = new_table("criteria of papers/001", *(["start", "found"] if moved else ["value"]))
     sets = (best.start, best.criteria) if moved else (best.criteria,)
-    for name, words in PUBLISHED_WORDS.items():
-        criteria.add_row(words, *(f"{getattr(posture_set, name):.4g}" for posture_set in sets))
+    for name, text in PUBLISHED_WORDS.items():
+        criteria.add_row(text, *(f"{getattr(posture_set, name):.4g}" for posture_set in sets))
     machine = "six telescopic legs" if procedure.telescopic else "hexaslide"
-    before = f" (start {best.refined.start_value:.4g})" if moved else ""
+    start_text = f" (start {best.refined.start_value:.4g})" if moved else ""
     condition = f"{best.condition_number:.4g}"
     condition += f", at the start {best.start_condition_number:.4g}" if moved else ""
     sentence = (
         f"{machine}, {procedure.kind.value}, reading {', '.join(procedure.read)}: "
         f"{len(best.postures)} postures for the {best.search.criterion.value} criterion, "
-        f"{best.refined.value:.5g}{before}. "
+        f"{best.refined.value:.5g}{start_text}. "
         f"Condition number {condition} ({best.units}; of the {best.rank} combinations that are "
         "identifiable)."
     )
@@ -124,33 +124,33 @@ def seen_text(view: HexaSlideSeen) -> str:
 def _verdict(view: HexaSlideSeen) -> str:
     identifiability, examined = view.seen.identifiability, view.seen.examined
     count, reachable = len(identifiability.names), examined.reachable_rank or identifiability.rank
-    words = f"{identifiability.rank} of {count} combinations of the parameters are identifiable"
-    words += (
+    text = f"{identifiability.rank} of {count} combinations of the parameters are identifiable"
+    text += (
         ", all of them."
         if identifiability.rank == count
         else f", {count - identifiability.rank} not."
     )
     if view.seen.limited_by == "nothing":
-        words += f" Fewest postures that show so many: {examined.fewest_postures}."
+        text += f" Fewest postures that show so many: {examined.fewest_postures}."
     elif examined.posture_count < (examined.fewest_postures or 0):
-        words += (
+        text += (
             f"\nToo few postures: {examined.fewest_postures} or more are needed to see the "
             f"{reachable} that this procedure can show. Measure more postures."
         )
     else:
-        words += (
+        text += (
             f"\nThese postures are too much alike: others show {reachable}. Vary all six "
             "coordinates."
         )
-    return words + (f"\n{examined.remark}" if examined.remark else "")
+    return text + (f"\n{examined.remark}" if examined.remark else "")
 
 
 def _lost_words(view: HexaSlideSeen) -> str:
     names = [parameter.name for parameter in view.seen.unidentifiable]
     lines = []
     for motion, axes in grouped([name for name in names if name in view.always]).items():
-        before = f"{', '.join(axes[:-1])} and " if len(axes) > 1 else ""
-        lines.append(f"NOT IDENTIFIABLE ({len(axes)}): {motion} {before}{axes[-1]}.")
+        first_axes = f"{', '.join(axes[:-1])} and " if len(axes) > 1 else ""
+        lines.append(f"NOT IDENTIFIABLE ({len(axes)}): {motion} {first_axes}{axes[-1]}.")
     if lines:
         lines.append("  No posture shows this: nothing that is read depends on it.")
     other_names = [name for name in names if name not in view.always]
@@ -217,20 +217,20 @@ def _rule(view: HexaSlideSeen) -> str:
 
 
 def _on_differences(rule: PaperRule) -> str:
-    words = (
+    text = (
         f"With forward differences of {DIFFERENCE_STEP:g} m, as in the paper, at "
         f"{rule.posture_count} postures its rank is {rule.counted}"
     )
     if rule.decided_by == "geometry":
-        return f"{words}."
-    words += f". WARNING: that is {DECIDED[rule.decided_by]}, not what is identifiable"
-    words += f" ({rule.reachable_rank})."
+        return f"{text}."
+    text += f". WARNING: that is {DECIDED[rule.decided_by]}, not what is identifiable"
+    text += f" ({rule.reachable_rank})."
     if rule.errors is None or rule.counted <= rule.rank:
-        return words
+        return text
     low, high = (math.floor(math.log10(max(error, 1.0))) for error in rule.errors)
     orders = f"{low}" if low == high else f"{low} to {high}"
     return (
-        f"{words} For the errors of such derivatives the rule is {orders} orders of magnitude too "
+        f"{text} For the errors of such derivatives the rule is {orders} orders of magnitude too "
         "tight."
     )
 
@@ -384,10 +384,10 @@ async def asked_request(person: Person, subject: str, request: Request) -> Reque
         return replace(request, procedure=kind, measured=(), known=None) if kind else None
     if subject == "measured":
         components = ",".join(request.measured or ("x", "y", "z", "theta"))
-        text = await person.line(WHICH_COMPONENTS, "x,y,z,theta", proposed=components)
+        text = await person.line(WHICH_COMPONENTS, "x,y,z,theta", default=components)
         return measuring(request, text) if text else None
     now = str(request.machine_file or "")
-    text = await person.line(WHICH_MACHINE, "path", proposed=now)
+    text = await person.line(WHICH_MACHINE, "path", default=now)
     if text in (None, now):
         return None
     return replace(request, machine_file=Path(text).expanduser() if text else None)
@@ -396,7 +396,7 @@ async def asked_request(person: Person, subject: str, request: Request) -> Reque
 async def asked_count(person: Person, fewest: int, now: int) -> int | None:
     """How many postures; None without an answer. Raises UsageError."""
     question = f"How many postures? {fewest} or more."
-    text = await person.line(question, "number", proposed=str(now))
+    text = await person.line(question, "number", default=str(now))
     if not text:
         return None
     if not text.isdecimal() or not fewest <= int(text) <= MOST_POSTURES:

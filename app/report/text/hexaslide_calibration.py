@@ -181,11 +181,11 @@ def platform_text(document: HexaSlideCalibrationReport) -> str:
     )
 
 
-def _both(before: Rms, after: Rms) -> str:
+def _both(rms_before: Rms, rms_after: Rms) -> str:
     """One phrase for lengths and one for angles, where there are any."""
     pairs = (
-        (before.length_mm, after.length_mm, "mm"),
-        (before.angle_mrad, after.angle_mrad, "mrad"),
+        (rms_before.length_mm, rms_after.length_mm, "mm"),
+        (rms_before.angle_mrad, rms_after.angle_mrad, "mrad"),
     )
     return "; ".join(
         f"{first:.4g} → {second:.4g} {unit}"
@@ -298,14 +298,14 @@ def _noise(document: HexaSlideCalibrationReport, factor: float | None) -> list[s
     noise, link = document.noise, document.procedure is ProcedureKind.CONSTRAINT_LINK
     if noise.length_mm is None:
         return []
-    words = f"{'Play of the link' if link else 'Noise of a length'} {noise.length_mm:.4g} mm"
+    text = f"{'Play of the link' if link else 'Noise of a length'} {noise.length_mm:.4g} mm"
     if noise.angle_mrad is not None:
-        words += f", of an angle {noise.angle_mrad:.4g} mrad"
+        text += f", of an angle {noise.angle_mrad:.4g} mrad"
     if noise.source == "stated":
-        words += ", as stated"
+        text += ", as stated"
     else:
-        words += f", from what is left with {noise.degrees_of_freedom:g} degrees of freedom"
-    return [f"{words}; coverage factor {factor:.3f}."]
+        text += f", from what is left with {noise.degrees_of_freedom:g} degrees of freedom"
+    return [f"{text}; coverage factor {factor:.3f}."]
 
 
 def _inner(document: HexaSlideCalibrationReport) -> list[str]:
@@ -328,10 +328,10 @@ def left_parts(document: HexaSlideCalibrationReport) -> tuple[Table, str]:
     for row in residuals.by_component:
         table.add_row(row.component, f"{row.rms:.4g}", row.unit, f"{100.0 * row.share:.0f} %")
     worst = sorted(residuals.by_posture, key=lambda posture: -posture.share)[:MOST_POSTURES]
-    words = ", ".join(f"{posture.posture} ({100.0 * posture.share:.0f} %)" for posture in worst)
+    text = ", ".join(f"{posture.posture} ({100.0 * posture.share:.0f} %)" for posture in worst)
     even = 100.0 / len(residuals.by_posture)
     return table, (
-        f"Postures with the largest shares: {words}; even would be {even:.0f} % each. "
+        f"Postures with the largest shares: {text}; even would be {even:.0f} % each. "
         f"{residuals.remark}"
     )
 
@@ -340,21 +340,21 @@ def _truth(document: HexaSlideCalibrationReport) -> list[str]:
     truth = document.truth
     if truth is None:
         return []
-    before, after = truth.before, truth.after
+    apart_before, apart_after = truth.before, truth.after
     where = "the postures kept out" if truth.postures == "held out" else "all postures"
     moved = [
         f"{name} {size:.3g} {unit}"
         for name, size, unit in (
-            ("platform frame turned by", after.platform_frame_turned_mrad, "mrad"),
-            ("platform frame shifted by", after.platform_frame_shifted_mm, "mm"),
-            ("base turned by", after.base_turned_mrad, "mrad"),
+            ("platform frame turned by", apart_after.platform_frame_turned_mrad, "mrad"),
+            ("platform frame shifted by", apart_after.platform_frame_shifted_mm, "mm"),
+            ("base turned by", apart_after.base_turned_mrad, "mrad"),
         )
         if size > 0.0
     ]
     lines = [
-        f"Against the truth at {where}: position {before.position_rms_mm:.4g} → "
-        f"{after.position_rms_mm:.4g} mm r.m.s. (worst {after.position_worst_mm:.4g}), "
-        f"angle {before.angle_rms_mrad:.4g} → {after.angle_rms_mrad:.4g} mrad."
+        f"Against the truth at {where}: position {apart_before.position_rms_mm:.4g} → "
+        f"{apart_after.position_rms_mm:.4g} mm r.m.s. (worst {apart_after.position_worst_mm:.4g}), "
+        f"angle {apart_before.angle_rms_mrad:.4g} → {apart_after.angle_rms_mrad:.4g} mrad."
     ]
     if moved:
         lines.append(f"Apart from constant motions that nothing shows: {', '.join(moved)}.")

@@ -39,19 +39,19 @@ def _verdict(apart: MachinesApart) -> str:
 
 
 def _platform(apart: MachinesApart) -> str:
-    words = (
+    text = (
         f"The platform, over the box: {1000.0 * apart.rms_m:.3g} mm r.m.s. from one to the other, "
         f"at most {1000.0 * apart.largest_m:.3g} mm."
     )
     if apart.chance_m is None:
         return (
-            f"{words} A session has too few readings, leaves more open than frames, or has no "
+            f"{text} A session has too few readings, leaves more open than frames, or has no "
             "known noise."
         )
-    words += f" Noise alone gives up to {1000.0 * apart.chance_m:.3g} mm r.m.s. (95 %)."
+    text += f" Noise alone gives up to {1000.0 * apart.chance_m:.3g} mm r.m.s. (95 %)."
     if apart.changed:
-        words += f" The chance is below {CHANGED:g}: calibrate from the second session."
-    return words
+        text += f" The chance is below {CHANGED:g}: calibrate from the second session."
+    return text
 
 
 def _lengths(apart: MachinesApart) -> list[str | Table]:
@@ -66,17 +66,17 @@ def _lengths(apart: MachinesApart) -> list[str | Table]:
     if apart.expanded_m is None:
         return []
     least, most = 1000.0 * apart.expanded_m.min(), 1000.0 * apart.expanded_m.max()
-    words = (
+    text = (
         f"{len(beyond)} of {len(lengths)} lengths that no frame changes differ by more than their "
         f"uncertainty, ±{least:.3g} to ±{most:.3g} mm (95 %)"
     )
     if not beyond:
-        return [f"{words}."]
+        return [f"{text}."]
     table = new_table("length", "before, mm", "after, mm", "difference, mm", "± U (95 %)")
     for _, name, length in sorted(beyond, key=lambda row: (-row[0], row[1]))[:MOST_LENGTHS]:
         table.add_row(name, *_row(length))
     together = "of one machine one in twenty does, and those of a joint go together"
-    return [f"{words}; {together}.", table]
+    return [f"{text}; {together}.", table]
 
 
 def _row(length: LengthOfBoth) -> tuple[str, ...]:
@@ -90,9 +90,9 @@ def _row(length: LengthOfBoth) -> tuple[str, ...]:
 
 def _session(session: ComparedSession) -> str:
     """What stands against a session."""
-    words = f"{session.name}: "
+    text = f"{session.name}: "
     if session.left_out:
-        words += f"without posture {', '.join(map(str, session.left_out))}. "
+        text += f"without posture {', '.join(map(str, session.left_out))}. "
     if session.diagnosis is None:
-        return f"{words}no noise is stated; parameters alone are compared."
-    return f"{words}{verdict_words(session.diagnosis)}"
+        return f"{text}no noise is stated; parameters alone are compared."
+    return f"{text}{verdict_words(session.diagnosis)}"

@@ -74,13 +74,13 @@ def adoption_words(adoption: Adoption) -> str:
     names = tuple((effect.id, effect.where) for effect in adoption.effects)
     # the model's entry has the names of the values and their unit
     entries = [e for e in adoption.model.effects if (e.id, e.where) in names]
-    before, after = adoption.platform_before, adoption.platform
+    platform_before, platform = adoption.platform_before, adoption.platform
     lines = [
         f"Adopted: {_title(names)}. Its size if it acts:",
         *(line for entry in entries for line in size_lines(entry)),
-        f"If that acts, the platform is off by {1000.0 * after.now.places_rms_m:.3g} mm r.m.s. now,"
-        f" and {_bound(after)} with the calibrated machine (95 %); when all models count,"
-        f" {_bound(before)}.",
+        f"If that acts, the platform is off by {1000.0 * platform.now.places_rms_m:.3g} mm r.m.s. "
+        f"now, and {_bound(platform)} with the calibrated machine (95 %); when all models count,"
+        f" {_bound(platform_before)}.",
         f"What is left, in variances of the noise: {adoption.gap_before:.3g} without it, "
         f"{adoption.gap_after:.3g} with it (p = {adoption.p_after:.2g}).",
     ]

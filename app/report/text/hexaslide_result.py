@@ -64,13 +64,13 @@ def glance_text(result: PostureResult, columns: int, *, read_only: bool, folder:
     tolerance_mm = calibration.source.machine.platform_tolerance_mm
     decision = "NOT JUDGED" if tolerance_mm is None else decided(calibration, tolerance_mm).upper()
     platform, count = document.platform, len(document.individually_known)
-    after = "after is not known" if platform.bound_rms_mm is None else "after: at most (95 %)"
+    bound_text = "after is not known" if platform.bound_rms_mm is None else "after: at most (95 %)"
     bars = now_and_after(platform.now_rms_mm, platform.bound_rms_mm, tolerance_mm, columns)
     files = f"{folder} has" if folder else "{postures.export} writes"
     return paragraphs(
         f"{decision}: {off_words(calibration, tolerance_mm)}"
         f"{NO_TOLERANCE if tolerance_mm is None else ''}\n{verdict_line(result)}",
-        [f"Platform error, r.m.s. over the box; {after}:", *bars],
+        [f"Platform error, r.m.s. over the box; {bound_text}:", *bars],
         f"{document.parameter_count} parameters are entered: {files} them as files, page Details "
         f"has the {count} that are known alone.",
         "\n".join(caveats(document)),

@@ -123,7 +123,9 @@ def _stacked(
     widest = max(len(cell) for cells in (names, *(cells for _, cells in rows)) for cell in cells)
     room = (WIDTH - sum(len(name) + GAP for name in first)) // (widest + GAP)
     count = next((count for count in (6, 3, 2) if count <= room), 1)
-    table = new_table(*first, *("\n".join(names[k::count]) for k in range(count)), left=len(first))
+    table = new_table(
+        *first, *("\n".join(names[k::count]) for k in range(count)), left_columns=len(first)
+    )
     for numbers, cells in rows:
         table.add_row(*numbers, *("\n".join(cells[k::count]) for k in range(count)))
     return table

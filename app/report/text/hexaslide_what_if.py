@@ -36,10 +36,10 @@ def heading_text(name: tuple[str, str], path: Path) -> str:
     return f"What if {title_of(name)}   {path.name}"
 
 
-def effect_text(before: CauseAtSize, now: CauseAtSize) -> str:
+def effect_text(nominal: CauseAtSize, now: CauseAtSize) -> str:
     """Residuals and platform, without the cause and with it."""
     table = new_table("", "without", "with it")
-    pair = before, now
+    pair = nominal, now
     table.add_row("readings left, times the noise", *(f"{entry.times_noise:.2f}" for entry in pair))
     table.add_row("chance of so much by noise", *(f"{entry.p_value:.2g}" for entry in pair))
     table.add_row("platform, cause not compensated, mm r.m.s.", "0", _mm(now.alone_m))

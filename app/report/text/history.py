@@ -115,7 +115,7 @@ def _rows(history: History) -> Iterator[tuple[str, int, str]]:
 
 def machines_table(history: History) -> Table:
     """A row for each machine."""
-    table = new_table("machine", "sessions", "last", left=1)
+    table = new_table("machine", "sessions", "last", left_columns=1)
     for name, count, day in _rows(history):
         table.add_row(name, f"{count}", day)
     return table
@@ -164,7 +164,9 @@ def posture_machine_text(machine: PostureHistory, now: datetime) -> str:
 
 def posture_sessions_table(machine: PostureHistory) -> tuple[Table, list[str]]:
     """A row for each session of postures, and a note below."""
-    table = new_table("", "began", "procedure", "postures", "off, mm", "then, mm", "", "°C", left=3)
+    table = new_table(
+        "", "began", "procedure", "postures", "off, mm", "then, mm", "", "°C", left_columns=3
+    )
     notes = []
     for number, point in enumerate(machine.points, start=1):
         entry = point.entry
@@ -209,7 +211,7 @@ def drift_lines(machine: MachineHistory) -> list[str]:
 def sessions_table(machine: MachineHistory) -> tuple[Table, list[str]]:
     """A row for each session, and a note below."""
     table = new_table(
-        "", "began", *(f"{n}, mm" for n in LEG_NAMES), "±, mm", "tool, mm", "°C", left=2
+        "", "began", *(f"{n}, mm" for n in LEG_NAMES), "±, mm", "tool, mm", "°C", left_columns=2
     )
     notes = []
     for number, point in enumerate(machine.points, start=1):
@@ -242,7 +244,7 @@ def _sign(signals: Sequence[int], new: bool) -> str:
 def rule_sentences(machine: MachineHistory) -> list[str]:
     """For each Western Electric rule the joints, the first session that completes it, how many."""
     sentences = []
-    for rule, (*_, words) in enumerate(RULES, start=1):
+    for rule, (*_, rule_text) in enumerate(RULES, start=1):
         completed = {
             name: [number for number, rules in enumerate(joint.chart.signals, 1) if rule in rules]
             for name, joint in zip(LEG_NAMES, machine.joints, strict=True)
@@ -250,7 +252,7 @@ def rule_sentences(machine: MachineHistory) -> list[str]:
         if sessions := sorted({number for numbers in completed.values() for number in numbers}):
             joints = ", ".join(name for name, numbers in completed.items() if numbers)
             sentence = (
-                f"{RULE_MARKS[rule]}  Rule {rule}, {words}, joint {joints}: first in session "
+                f"{RULE_MARKS[rule]}  Rule {rule}, {rule_text}, joint {joints}: first in session "
                 f"{sessions[0]}, in {counted(len(sessions), 'session')}."
             )
             sentences.append(hanging(sentence, "   "))

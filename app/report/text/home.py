@@ -98,9 +98,9 @@ def home_rows(
     for session, label in labels:
         if session.interrupted and not session.empty and not read_only:
             yield f"Continue  {label}", f"continue {session.path}"
-    for name, words in (*HOME_CHOICES, *own_screens):
+    for name, choice in (*HOME_CHOICES, *own_screens):
         if not read_only or name in READING_ONLY:
-            yield words, name
+            yield choice, name
     if labels:
         yield None
     yield from ((label, f"session {session.path}") for session, label in labels)
@@ -144,9 +144,9 @@ def session_choices(session: SessionFile, *, read_only: bool) -> list[tuple[str,
     return able
 
 
-def partner_question(after: Path, before: Path) -> str:
+def partner_question(later_path: Path, earlier_path: Path) -> str:
     """A session names the one that it verifies."""
-    return f"{after.name}\nwas measured to verify\n{before.name}"
+    return f"{later_path.name}\nwas measured to verify\n{earlier_path.name}"
 
 
 PORTS_QUESTION = "The ports of {} are those of another computer. Which are they here?"
@@ -293,7 +293,7 @@ def profile_rows(fitting: Sequence[Profile] = ()) -> list[tuple[str, str]]:
     names = [profile.name for profile in fitting]
     other_profiles = [profile for profile in PROFILES.values() if profile.name not in names]
     rows = [(p.name, f"{p.title}{UNSURE[p.verified]}") for p in (*fitting, *other_profiles)]
-    return [(f"{'fits: ' * (name in names)}{name}  {words}", name) for name, words in rows]
+    return [(f"{'fits: ' * (name in names)}{name}  {label}", name) for name, label in rows]
 
 
 UNSURE = {Evidence.VENDOR: "", Evidence.CODE: "", Evidence.UNVERIFIED: " (unverified)"}
@@ -306,11 +306,11 @@ def axes_words(axes: str) -> str:
     return f"{axes} only" if len(axes) == 1 else ", else ".join(axes)
 
 
-def form_words(form: Mapping[str, object], source: str, *, gone: bool) -> str:
+def form_words(form: Mapping[str, object], source: str, *, missing: bool) -> str:
     """One line for an indicator of the form."""
     number = f", no. {form['serial_number']}" if form.get("serial_number") else ""
     axes = axes_words(str(form.get("axes", "xyz")))
-    where = f"{form.get('port', 'no port')}{NOT_HERE if gone else ''}"
+    where = f"{form.get('port', 'no port')}{NOT_HERE if missing else ''}"
     return f"{form.get('profile', 'no profile')} at {where}, {axes}{number}{SOURCES[source]}"
 
 
@@ -347,12 +347,12 @@ KeyRow = tuple[str, Sequence[str], str]
 def settings_text(path: Path, exists: bool, settings: Settings, keys: Iterable[KeyRow]) -> str:
     """Where the file is, what holds now, and every key that can be changed."""
     state = "" if exists else " (not there yet: everything has its default)"
-    table = new_table("id", "default", "now", "does", left=4)
+    table = new_table("id", "default", "now", "does", left_columns=4)
     rows = [*keys]
     # an id is copied
     table.columns[0].min_width = max((len(key_id) for key_id, *_ in rows), default=0)
-    for key_id, default, words in rows:
-        table.add_row(key_id, ", ".join(default), settings.keys.get(key_id, ""), words)
+    for key_id, default, label in rows:
+        table.add_row(key_id, ", ".join(default), settings.keys.get(key_id, ""), label)
     return paragraphs(
         [f"Settings file: {path}{state}", f"{FILE_VARIABLE} names another file."],
         f"theme       {settings.theme or 'default'}\n"
@@ -374,10 +374,10 @@ def key_words(key: str) -> str:
 
 def key_list_text(keys: Iterable[tuple[str, str]]) -> str:
     """The keys of the present screen that have words, one a line."""
-    return paragraphs("Keys of this screen", [f"{key:<12}{words}" for key, words in keys if words])
+    return paragraphs("Keys of this screen", [f"{key:<12}{label}" for key, label in keys if label])
 
 
-def help_text(words: Iterable[str], of_machines: Iterable[str]) -> str:
-    """The ``words`` of panels and screen, each once, with those of the machines' own screens."""
-    text = "\n\n".join(dict.fromkeys(filter(None, words)))
+def help_text(helps: Iterable[str], of_machines: Iterable[str]) -> str:
+    """The ``helps`` of panels and screen, each once, with those of the machines' own screens."""
+    text = "\n\n".join(dict.fromkeys(filter(None, helps)))
     return text.replace(WORDS_OF_LOOKS, "\n".join(of_machines)) or NO_HELP

@@ -41,7 +41,7 @@ def _limits_text(plan: Plan, remarks: tuple[str, ...]) -> str:
     ways = ways_of(plan.procedure, plan.machine, plan.axes)
     limits, motion = limits_of(plan.machine), plan.machine.motion or MotionLimits()
     places = [step.place for step in ways.steps]
-    set_ups = 1 + sum(before != after for before, after in pairwise(places))
+    set_ups = 1 + sum(place != next_place for place, next_place in pairwise(places))
     minutes = (ways.moving_s + ways.resting_s) / 60.0
     unnamed = plan.motion and plan.machine.procedure is None
     return paragraphs(
@@ -140,7 +140,7 @@ def moving_text(mover: Mover, step: Step) -> str:
     move = mover.proof.move if mover.proof else None
     goal = f"to step {step.number}" if move is None else move.words
     place = f"At step {step.number}" if move is None else "Half-way"
-    words = {
+    labels = {
         State.MOVING: f"MOVING {goal}. Any key stops it.",
         State.CONSENTED: f"{place}. It continues without a key; any key stops it.",
         State.STOPPING: "STOPPING …",
@@ -148,7 +148,7 @@ def moving_text(mover: Mover, step: Step) -> str:
         State.FAULT: f"FAULT: {sentence(mover.why)} {{measure.go}} asks what to do.",
     }
     stopped = f"STOPPED: {sentence(mover.why)} " if mover.state is State.STOPPED else ""
-    return words.get(mover.state) or f"{stopped}{waiting_text(mover)}"
+    return labels.get(mover.state) or f"{stopped}{waiting_text(mover)}"
 
 
 EVENTS = {

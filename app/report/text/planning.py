@@ -91,23 +91,23 @@ def plan_expected_text(plan: Plan) -> str:
 def _verdict(seen_by: SeenBy) -> str:
     count, rank = len(seen_by.identifiability.names), seen_by.identifiability.rank
     if rank == count:
-        words = f"All {count} combinations of the {count} parameters are identifiable"
-        words += f", {len(seen_by.weak)} of them weakly." if seen_by.weak else "."
+        text = f"All {count} combinations of the {count} parameters are identifiable"
+        text += f", {len(seen_by.weak)} of them weakly." if seen_by.weak else "."
     else:
-        words = f"{rank} of {count} combinations of the parameters are identifiable"
-        words += f", {count - rank} not."
+        text = f"{rank} of {count} combinations of the parameters are identifiable"
+        text += f", {count - rank} not."
     known_names = ", ".join(seen_by.identifiability.individually_known) or "none"
-    words += f"\nParameters identifiable alone: {known_names}."
-    words += f"\n{seen_by.examined.remark}" if seen_by.examined.remark else ""
+    text += f"\nParameters identifiable alone: {known_names}."
+    text += f"\n{seen_by.examined.remark}" if seen_by.examined.remark else ""
     fewest = seen_by.examined.fewest_postures
     if seen_by.limited_by == "too-few-postures" and fewest is not None:
-        words += f"\nToo few postures: {fewest} or more are needed. Measure more postures."
+        text += f"\nToo few postures: {fewest} or more are needed. Measure more postures."
     elif seen_by.limited_by == "too-few-postures":
-        words += (
+        text += (
             f"\nOnly {seen_by.examined.independent_count} differences for {count} parameters: "
             "measure more postures."
         )
-    return words
+    return text
 
 
 def _combinations(seen_by: SeenBy) -> str:
@@ -189,14 +189,14 @@ def plan_text(plan: MeasurementPlan) -> str:
     planner, best = plan.planner, plan.best
     entered = planner.correction
     hardly = "hardly " if best.bound_mm > WORTH * planner.bound_mm else ""
-    after = (
+    bound_after = (
         f"In {best.candidate.minutes:.1f} min this {hardly}lowers the bound (95 %) of the tool "
         f"error from {uncertain(planner.bound_mm)} to {uncertain(best.bound_mm)} mm r.m.s., "
         f"{FRAME_WORDS[entered.frame]}, {FORMATS_WORDS[entered.holds]} entered (noise "
         f"{plan.noise_words})."
     )
     return paragraphs(
-        f"Next, {basis}: {best.candidate.words}, both axes. {after}",
+        f"Next, {basis}: {best.candidate.words}, both axes. {bound_after}",
         table,
         further_text(planner.reach),
         "" if plan.sessions else NOTHING_YET,

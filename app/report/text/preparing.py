@@ -92,10 +92,10 @@ def prepared_texts(prepared: Preparation) -> tuple[str, list[str]]:
 def indicator_lines(prepared: Preparation, without: Sequence[str] = NO_INDICATOR) -> list[str]:
     """A line for each of both indicators, or what its absence means."""
     return [
-        form_words(form, prepared.source, gone=port_is_gone(str(form.get("port", ""))))
+        form_words(form, prepared.source, missing=port_is_gone(str(form.get("port", ""))))
         if form
-        else words
-        for form, words in zip(prepared.forms, without, strict=True)
+        else label
+        for form, label in zip(prepared.forms, without, strict=True)
     ]
 
 
@@ -117,7 +117,7 @@ def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[I
     repeated = {"leg", "station", "axes"} if procedure.plate else set()  # of every step
     columns = ("step", "leg", "posture", "cycle", "station", "axes", "controller")
     headings = [name for name in columns if name not in repeated]
-    table = new_table(*headings, left=len(headings))
+    table = new_table(*headings, left_columns=len(headings))
     readers = instruments[: max(step.indicators.stop for step in steps)]
     names = [f"{k} {entry.profile} ({entry.port})" for k, entry in enumerate(readers, start=1)]
     order = " Axes stand in this order." if len(names) > 1 else ""

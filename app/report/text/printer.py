@@ -135,8 +135,8 @@ def tower_remedies(effects: Sequence[EffectInstance], towers: Mapping[str, str])
     Where a printer has no words of its own, or ``towers`` is empty, those of any machine.
     """
     effects = [effect for effect in effects if abs(effect.values[0]) >= LEAST]
-    words = [_remedy(effect, towers) for effect in effects] if towers else [None]
-    return tuple(filter(None, words)) if all(words) else remedies(effects)
+    of_towers = [_remedy(effect, towers) for effect in effects] if towers else [None]
+    return tuple(filter(None, of_towers)) if all(of_towers) else remedies(effects)
 
 
 def _remedy(effect: EffectInstance, towers: Mapping[str, str]) -> str | None:

@@ -43,14 +43,14 @@ def question_text(step_taken: TakenStep, session: Session) -> str:
 
 def _off_lines(step_taken: TakenStep, session: Session) -> list[str]:
     """For each axis what was read, and how it is off."""
-    before = _before(step_taken, session)
+    previous = _before(step_taken, session)
     readings = [f"along {r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in step_taken.readings]
     if not step_taken.due:
         return readings
     lines = []
     for line, reading, due in zip(readings, step_taken.readings, step_taken.due, strict=True):
         if step_taken.doubt is not Doubt.BEYOND:
-            line += f", {signed(reading.value_mm - due.before.value_mm, 4)} mm since {before}"
+            line += f", {signed(reading.value_mm - due.before.value_mm, 4)} mm since {previous}"
         elif due.is_beyond(reading.value_mm):
             line += f" where {signed(due.mean_mm)} ± {uncertain(due.limit_mm)} mm is expected"
         lines.append(line)
@@ -61,22 +61,22 @@ def _before(step_taken: TakenStep, session: Session) -> str:
     """The posture before the step."""
     if not step_taken.due:
         return ""
-    before = step_taken.due[0].before
-    posture = posture_words(before.posture_mm, session.opened.machine.geometry())
-    return f"{posture} {before.station:g}" if step_taken.step.over_plane else posture
+    previous = step_taken.due[0].before
+    posture = posture_words(previous.posture_mm, session.opened.machine.geometry())
+    return f"{posture} {previous.station:g}" if step_taken.step.over_plane else posture
 
 
 def _question_words(step_taken: TakenStep, session: Session) -> str:
     """The question itself."""
-    before, mover = _before(step_taken, session), "the machine"
+    previous, mover = _before(step_taken, session), "the machine"
     if step_taken.step.over_plane:
         mover = "machine or stand"
     if step_taken.doubt is Doubt.STAND:
         last = step_name(session.steps()[(step_taken.earlier[0].step or 1) - 1], session)
         return f"Unchanged since {last}: was the stand set up again, at {step_taken.step.touched}?"
     questions = {
-        Doubt.UNCHANGED: f"Unchanged since {before}: did {mover} move?",
-        Doubt.TOO_SOON: f"So soon after {before} the machine cannot be there: did it move?",
+        Doubt.UNCHANGED: f"Unchanged since {previous}: did {mover} move?",
+        Doubt.TOO_SOON: f"So soon after {previous} the machine cannot be there: did it move?",
     }
     beyond = (
         f"Other {'position' if step_taken.step.position_mm else 'leg'}, other unit, other direction"
@@ -117,15 +117,15 @@ def _same_again(step_taken: TakenStep, session: Session) -> bool:
     if step_taken.doubt is not Doubt.BEYOND or step_taken.earlier:
         return False
     now = {r.axis: r for r in step_taken.readings}
-    before = {
+    previous = {
         r.axis: r
         for r in session.all_readings
         if r.step == step_taken.step.number and r.reading < step_taken.readings[0].reading
         if r.mount == now[r.axis].mount
     }
     limit_mm = session.opened.procedure.repeat_limit_mm if session.opened.procedure else 0.0
-    return before.keys() == now.keys() and all(
-        abs(before[axis].value_mm - now[axis].value_mm) <= limit_mm for axis in now
+    return previous.keys() == now.keys() and all(
+        abs(previous[axis].value_mm - now[axis].value_mm) <= limit_mm for axis in now
     )
 
 
@@ -157,14 +157,14 @@ def next_again_text(step: Step | None) -> str:
     return f"{again} Its readings stay in the record and are not used."
 
 
-def again_question(step: int, skipped: bool, gone: int) -> str:
-    """The question before a step is measured again; with it ``gone`` steps of a stand that has
+def again_question(step: int, skipped: bool, count: int) -> str:
+    """The question before a step is measured again; with it ``count`` steps of a stand that has
     left.
     """
-    words = "brought back" if skipped else "measured again"
-    question = f"Why is step {step} {words}? With a reason it becomes the next step."
-    if gone > 1:
-        question += f" Its stand is gone: {gone} steps are measured, to share one zero."
+    verb = "brought back" if skipped else "measured again"
+    question = f"Why is step {step} {verb}? With a reason it becomes the next step."
+    if count > 1:
+        question += f" Its stand is gone: {count} steps are measured, to share one zero."
     return question
 
 
@@ -272,11 +272,11 @@ def lost_text(name: str, news: LostNews, *, alone: bool = True) -> str:
     return fault_words
 
 
-def other_adapter_text(name: str, before: str, now: str) -> str:
+def other_adapter_text(name: str, adapter_before: str, now: str) -> str:
     """An indicator that answers again is behind another adapter: perhaps another indicator."""
     return (
         f"WARNING: {name} answers again, but adapter {now or 'without a number'} is there now, "
-        f"before it was {before}. Plug it back, or make sure that it is the same indicator."
+        f"before it was {adapter_before}. Plug it back, or make sure that it is the same indicator."
     )
 
 
@@ -295,6 +295,6 @@ def port_choices(ports: Sequence[tuple[str, str, bool]], adapter: str) -> list[t
     """Ports with what the system says of them; the one of the same ``adapter`` is named."""
     suffix = f", the same adapter, no. {adapter}"
     return [
-        (port, f"{port}  {words}{suffix if is_same else ''}".rstrip())
-        for port, words, is_same in ports
+        (port, f"{port}  {description}{suffix if is_same else ''}".rstrip())
+        for port, description, is_same in ports
     ]

@@ -134,17 +134,17 @@ def left_out_words(session: Session) -> list[str]:
 def _measured_words(session: Session) -> str:
     """When a session was measured, by whom, how warm, and with which indicators."""
     opened = session.opened
-    words = [f"{session.name}: {opened.origin} {opened.at:%Y-%m-%d %H:%M %Z}"]
-    words += [f"measured on {opened.measured_on}"] if opened.measured_on else []
-    words += [f"by {opened.operator}"] if opened.operator else []
-    words += [] if opened.temperature_c is None else [f"at {opened.temperature_c:g} °C"]
+    origin = [f"{session.name}: {opened.origin} {opened.at:%Y-%m-%d %H:%M %Z}"]
+    origin += [f"measured on {opened.measured_on}"] if opened.measured_on else []
+    origin += [f"by {opened.operator}"] if opened.operator else []
+    origin += [] if opened.temperature_c is None else [f"at {opened.temperature_c:g} °C"]
     indicators = dict.fromkeys(map(indicator_words, opened.instruments))
     unnamed = "contacts" if session.of_contacts else "indicators not named"
     parts = [", ".join(indicators) or unnamed]
     if session.distances:
         count = len(session.distances)
         parts.append(f"{count} distance{'s' if count > 1 else ''} between marks")
-    return "; ".join([" ".join(words), *parts]) + "."
+    return "; ".join([" ".join(origin), *parts]) + "."
 
 
 def indicator_words(instrument: Instrument) -> str:
@@ -336,21 +336,21 @@ def monte_carlo_text(monte_carlo: MonteCarlo) -> str:
     """Stated against true uncertainty."""
     table = new_table("parameter", "stated u, mm", "true, mm", "95 % held")
     columns = (monte_carlo.stated_mm, monte_carlo.true_mm, monte_carlo.covered)
-    for name, stated, true, covered in zip(monte_carlo.names, *columns, strict=True):
-        table.add_row(name, f"{stated:.4f}", f"{true:.4f}", f"{covered:.1%}")
+    for name, stated_mm, true, covered in zip(monte_carlo.names, *columns, strict=True):
+        table.add_row(name, f"{stated_mm:.4f}", f"{true:.4f}", f"{covered:.1%}")
     return (
         f"{monte_carlo.sessions} simulated sessions, {monte_carlo.failed} "
         f"failed\n{table_text(table)}"
     )
 
 
-def comparison_text(before: Solution, after: Solution, *, changed: bool = False) -> str:
+def comparison_text(earlier: Solution, later: Solution, *, changed: bool = False) -> str:
     """The differences before and after entering the offsets, or a mechanical change."""
-    pairs = both_values(before, after).items()
+    pairs = both_values(earlier, later).items()
     rows = {difference_words(name): pair for name, pair in pairs}
     heading = "leg along axis" if any(" along " in name for name in rows) else "difference"
     table = result_table(DataTable.of(BothValues, rows, heading))
-    sentence = comparison_sentence(before, after)
+    sentence = comparison_sentence(earlier, later)
     if changed:
         sentence = (
             sentence.partition(";")[0] + ".\nThe machine was mechanically changed between them."
@@ -358,13 +358,13 @@ def comparison_text(before: Solution, after: Solution, *, changed: bool = False)
     return paragraphs(sentence, table)
 
 
-def comparison_sentence(before: Solution, after: Solution) -> str:
+def comparison_sentence(earlier: Solution, later: Solution) -> str:
     """One sentence on before and after, with what had been expected."""
-    alone = before.subset == "joint-offsets"  # of a plate lengths are found with them
-    of_tool = any("(" in name for name in before.differences.names)
+    alone = earlier.subset == "joint-offsets"  # of a plate lengths are found with them
+    of_tool = any("(" in name for name in earlier.differences.names)
     return (
-        f"{'Tool' if of_tool else 'Leg'} deviations went from {before.rms_before_mm:.4f} to "
-        f"{after.rms_before_mm:.4f} mm r.m.s.;\n{before.rms_after_mm:.4f} mm was expected"
+        f"{'Tool' if of_tool else 'Leg'} deviations went from {earlier.rms_before_mm:.4f} to "
+        f"{later.rms_before_mm:.4f} mm r.m.s.;\n{earlier.rms_after_mm:.4f} mm was expected"
         f"{'' if alone else ' with the lengths entered, too'}."
     )
 
@@ -395,8 +395,8 @@ WHICH_SET = "Which set of parameters? It is a view: the values to enter stay."
 def result_heading(result: SessionSolution, path: Path, model: Path | None) -> str:
     """Which session, in which folder, on a line."""
     others_words = f" and {len(result.names) - 1} more" if len(result.names) > 1 else ""
-    beside = f"   with model {model.name}" if model else ""
-    return f"{path.name}{others_words}   in {path.absolute().parent.name or '/'}{beside}"
+    model_text = f"   with model {model.name}" if model else ""
+    return f"{path.name}{others_words}   in {path.absolute().parent.name or '/'}{model_text}"
 
 
 NO_PLAN = (
@@ -413,17 +413,17 @@ def exported_text(folder: Path, paths: Sequence[Path]) -> str:
 
 def export_caution(result: SessionSolution) -> str:
     """What could not be known of an export; empty where nothing is to be said."""
-    stated = result.sessions[0].opened.machine.home_at_mm() is not None
-    return "" if stated else UNKNOWN_HOME_OFFSET
+    homed = result.sessions[0].opened.machine.home_at_mm() is not None
+    return "" if homed else UNKNOWN_HOME_OFFSET
 
 
 def comparison_report(comparison: Comparison) -> str:
     """Which sessions, what a reader must know, then the differences of both."""
-    before, after = comparison.before, comparison.after
+    earlier, later = comparison.before, comparison.after
     return paragraphs(
-        [f"before: {before.names[0]}", f"after:  {after.names[0]}"],
+        [f"before: {earlier.names[0]}", f"after:  {later.names[0]}"],
         *(f"Remark: {remark}" for remark in comparison.remarks),
-        comparison_text(before.solution, after.solution, changed=comparison.changed),
+        comparison_text(earlier.solution, later.solution, changed=comparison.changed),
     )
 
 
@@ -450,10 +450,10 @@ NOT_SHOWN = (
 
 def verification_text(verification: Verification) -> str:
     """The decision first, then what was expected and found, then what to do."""
-    before, after = verification.compared.before, verification.compared.after
+    earlier, later = verification.compared.before, verification.compared.after
     return paragraphs(
-        [f"before: {before.names[0]}", f"after:  {after.names[0]}"],
-        f"{decided(verification)} At most {uncertain(before.entered.bound_mm)} mm was expected.",
+        [f"before: {earlier.names[0]}", f"after:  {later.names[0]}"],
+        f"{decided(verification)} At most {uncertain(earlier.entered.bound_mm)} mm was expected.",
         offsets_table(verification),
         "\n".join(what_to_do(verification)),
         *(f"Remark: {remark}" for remark in verification.compared.remarks),
@@ -467,11 +467,11 @@ def offsets_table(verification: Verification) -> Table:
 
 def decided(verification: Verification) -> str:
     """The decision in a sentence, with the figure that decides."""
-    after = verification.compared.after
-    off = beside(after.correction.now_mm, verification.tolerance_mm)
+    later = verification.compared.after
+    off = beside(later.correction.now_mm, verification.tolerance_mm)
     figure = (
         f"the tool is off by at most {off} mm r.m.s. over the workspace (95 %), "
-        f"{FRAME_WORDS[after.frame]}"
+        f"{FRAME_WORDS[later.frame]}"
     )
     if verification.decision is None or verification.tolerance_mm is None:
         return (
@@ -485,7 +485,7 @@ def decided(verification: Verification) -> str:
 
 def what_to_do(verification: Verification) -> list[str]:
     """What went wrong at the controller, or in the model."""
-    after = verification.compared.after
+    later = verification.compared.after
     wrong = {
         kind: [offset.name for offset in verification.offsets if offset.entered == kind]
         for kind in WRONG
@@ -494,8 +494,8 @@ def what_to_do(verification: Verification) -> list[str]:
     hidden = [offset.name for offset in verification.offsets if offset.entered == "not shown"]
     if hidden and verification.decision != "pass":
         lines.append(f"{', '.join(hidden)}: {NOT_SHOWN}")
-    if after.lacks_something:
-        lines.append(f"Something is missing from the model: glidecal diagnose {after.names[0]}")
+    if later.lacks_something:
+        lines.append(f"Something is missing from the model: glidecal diagnose {later.names[0]}")
     if not lines and verification.decision in ("fail", "undecided"):
         lines.append(
             "The offsets are as expected. Measure more (glidecal plan), or fit the lengths too."

@@ -90,8 +90,8 @@ def taken_text(step_taken: TakenStep) -> str:
 def not_taken_text(faults: Sequence[Fault]) -> str:
     """Why readings of a step were not taken."""
     first, *more_faults = (sentence(fault.words) for fault in faults)
-    words = [first, *(text[0].upper() + text[1:] for text in more_faults)]
-    return f"Not taken: {' '.join(words)}"
+    sentences = [first, *(text[0].upper() + text[1:] for text in more_faults)]
+    return f"Not taken: {' '.join(sentences)}"
 
 
 WHO_TAKES = {
@@ -244,7 +244,7 @@ def leg_table_text(
     lines = [heading + f"{'back at Zero':>13}" + marked]
     for row in rows:
         cells = "".join(
-            _cell(row.minus_zero_mm.get(level), 8, kept=level in row.kept_mm) for level in levels
+            _cell(row.minus_zero_mm.get(level), 8, used=level in row.kept_mm) for level in levels
         )
         label = f"{row.axis.upper()}  cycle {row.cycle}" + "*" * (0.0 in row.kept_mm)
         lines.append(f"{label:<11}" + cells + _cell(row.back_at_zero_mm, 13))
@@ -280,14 +280,14 @@ def so_far_text(
     marked = "  *kept" if any(row.kept_mm for row in last_rows) else ""
     lines = [f"{'minus Zero':<24}{heading}{marked}"]
     for k in range(max(1, first), len(places))[:PLATE_POSITIONS]:  # the first place is Zero itself
-        values = (_cell(row.minus_zero_mm.get(k), 10, kept=k in row.kept_mm) for row in last_rows)
+        values = (_cell(row.minus_zero_mm.get(k), 10, used=k in row.kept_mm) for row in last_rows)
         lines.append(f"{position_words(places[k]):<24}{''.join(values)}")
     back = "".join(_cell(row.back_at_zero_mm, 10) for row in last_rows)
     return "\n".join([*lines, f"{'back at Zero':<24}{back}"])
 
 
-def _cell(value: float | None, width: int, *, kept: bool = False) -> str:
-    return f"{'' if value is None else signed(value) + '*' * kept:>{width}}"
+def _cell(value: float | None, width: int, *, used: bool = False) -> str:
+    return f"{'' if value is None else signed(value) + '*' * used:>{width}}"
 
 
 def _at(displacement_mm: float, position_mm: Sequence[float] | None) -> str:
@@ -298,7 +298,9 @@ def _at(displacement_mm: float, position_mm: Sequence[float] | None) -> str:
 
 def replay_text(report: ReplayReport) -> str:
     """The readings of a session in the order taken, then the averages of those that count."""
-    readings = new_table("no", "leg", "axis", "at, mm", "cycle", "mount", "value, mm", "", left=3)
+    readings = new_table(
+        "no", "leg", "axis", "at, mm", "cycle", "mount", "value, mm", "", left_columns=3
+    )
     stations: dict[str, set[float]] = {}
     for r in report.readings:
         stations.setdefault(r.mount, set()).add(r.station)
@@ -307,7 +309,7 @@ def replay_text(report: ReplayReport) -> str:
         place = (str(r.reading), r.leg, r.axis, _at(r.displacement_mm, r.position_mm))
         mount = f"{r.mount} {r.station:g}" if len(stations[r.mount]) > 1 else r.mount
         readings.add_row(*place, str(r.cycle), mount, signed(r.value_mm, 4), state)
-    averages = new_table("leg", "axis", "station", "at, mm", "mean, mm", "readings", left=2)
+    averages = new_table("leg", "axis", "station", "at, mm", "mean, mm", "readings", left_columns=2)
     for a in report.averages:
         place = (a.leg, a.axis, f"{a.station:g}", _at(a.displacement_mm, a.position_mm))
         averages.add_row(*place, signed(a.mean_mm, 4), str(a.readings))

@@ -40,17 +40,17 @@ def expanded(value: float, standard_uncertainty: float) -> str:
     return f"{signed(value, places)} ± {half:.{places}f}"
 
 
-def new_table(*headings: str, left: int = 1) -> Table:
-    """A table; the first ``left`` columns are text, the others numbers."""
+def new_table(*headings: str, left_columns: int = 1) -> Table:
+    """A table; the first ``left_columns`` columns are text, the others numbers."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for number, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if number < left else "right")
+        table.add_column(heading, justify="left" if number < left_columns else "right")
     return table
 
 
 def result_table(result: DataTable) -> Table:
     """The columns that are for a reader; texts before the first number are on the left."""
-    table = new_table(*result.headings, left=max(result.text_columns, 1))
+    table = new_table(*result.headings, left_columns=max(result.text_columns, 1))
     for row in result.reader_rows():
         table.add_row(*row)
     return table
@@ -153,8 +153,8 @@ def keyed(text: str, key: Callable[[str], str | None]) -> str:
     rows = [k for k, line in enumerate(text.splitlines()) if line[:1] == "{" and "  " in line]
     cells = {k: lines[k].partition("  ")[::2] for k in rows}
     width = 2 + max((len(keys) for keys, _ in cells.values()), default=0)
-    for k, (keys, words) in cells.items():
-        row, indent = f"{keys:<{width}}{words}", " " * width
+    for k, (keys, label) in cells.items():
+        row, indent = f"{keys:<{width}}{label}", " " * width
         lines[k] = fill(row, HELP_WIDTH, subsequent_indent=indent, break_on_hyphens=False)
     return "\n".join(lines)
 

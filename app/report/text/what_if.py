@@ -75,11 +75,11 @@ def choice_words(choice: Choice) -> str:
 
 def heading_text(choice: Choice, trial: Trial, model: Path | None) -> str:
     """What is tried, on which readings, beside what."""
-    beside = [f"model {model.name}"] if model else []
-    beside += [f"{entry.id} ({entry.where})" for entry in choice.beside]
+    models = [f"model {model.name}"] if model else []
+    models += [f"{entry.id} ({entry.where})" for entry in choice.beside]
     subject = f"{choice.entry.id} ({choice.entry.where})"
     names = ", ".join(session.name for session in trial.sessions)
-    beside_words = f"   beside: {', '.join(beside)}" if beside else ""
+    beside_words = f"   beside: {', '.join(models)}" if models else ""
     return f"What if {subject}   {names}{beside_words}"
 
 
@@ -94,7 +94,7 @@ def doubt_text(choice: Choice, *, mistakes: bool) -> str:
 
 def sizes_text(sizes: Sizes, values: Sequence[float], number: int) -> str:
     """A line for each size: what it is now, what fits best, how far a key moves it."""
-    table = new_table("", "size", "", "fits best", "step", left=1)
+    table = new_table("", "size", "", "fits best", "step", left_columns=1)
     for k, (name, step) in enumerate(zip(sizes.names, sizes.steps, strict=True)):
         best = "not seen"
         if sizes.best:
@@ -130,8 +130,8 @@ def numbers_text(without: WhatIf, now: WhatIf) -> str:
     former, solution = without.solution, now.solution
     table = new_table(SUBSET_WORDS[solution.subset], "without, mm", "with it, mm", "± U, mm")
     rows = (solution.names, former.values_mm, solution.values_mm, solution.expanded_mm)
-    for name, before, after, half_mm in zip(*rows, strict=True):
-        table.add_row(name, signed(before, 4), signed(after, 4), uncertain(half_mm, 4))
+    for name, value, value_at_size, half_mm in zip(*rows, strict=True):
+        table.add_row(name, signed(value, 4), signed(value_at_size, 4), uncertain(half_mm, 4))
     differences = solution.differences
     listed = new_table("difference", "measured, mm", "without, mm", "with it, mm", "left, mm")
     for k in differences.published_rows:

@@ -89,8 +89,10 @@ def single_places(
         )
         for place in columns
     ]
-    seen = _are_seen(observations.mount, alone)
-    return tuple(candidate for candidate, is_seen in zip(alone, seen, strict=True) if is_seen)
+    identifiable = _are_seen(observations.mount, alone)
+    return tuple(
+        candidate for candidate, is_seen in zip(alone, identifiable, strict=True) if is_seen
+    )
 
 
 def invisible(
@@ -282,8 +284,8 @@ def _symmetric(
             _grouped(effect, columns_by_place, "turning", {ending: group})
             for ending, group in groups.items()
         ]
-        seen = zip(groups.items(), _are_seen(mount, alone), strict=True)
-        groups_seen = {ending: group for (ending, group), is_seen in seen if is_seen}
+        identifiable = zip(groups.items(), _are_seen(mount, alone), strict=True)
+        groups_seen = {ending: group for (ending, group), is_seen in identifiable if is_seen}
         if groups_seen:
             yield _grouped(effect, columns_by_place, "turning", groups_seen)
         return
@@ -291,8 +293,8 @@ def _symmetric(
         effect, columns_by_place, "mirror", {"_first": tuple(first), "_second": tuple(second)}
     )
     following = (first[0], second[1], first[2])
-    before = (second[0], first[1], second[2])
-    yield _grouped(effect, columns_by_place, "turning", {"_next": following, "_before": before})
+    exchanged = (second[0], first[1], second[2])
+    yield _grouped(effect, columns_by_place, "turning", {"_next": following, "_before": exchanged})
 
 
 def _listed(places_seen: Iterable[str], *, lateral: bool) -> list[str]:

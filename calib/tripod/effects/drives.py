@@ -144,10 +144,10 @@ class AxisSquareness(Law):
         first_foot, second_foot = (
             moved_foot(
                 leg,
-                at.flow.geometry.towards(leg, other),
+                at.flow.geometry.towards(leg, partner),
                 off_mm * from_meeting_mm(at.flow, leg),
             )
-            for leg, other in ((first, second), (second, first))
+            for leg, partner in ((first, second), (second, first))
         )
         return np.asarray(first_foot + second_foot)
 

@@ -146,7 +146,7 @@ def remedies(placed_laws: Sequence[EffectInstance]) -> tuple[str, ...]:
 
 def _remedy(alike: Sequence[EffectInstance]) -> str:
     effect, places = alike[0].effect, [placed_effect.place for placed_effect in alike]
-    words = {
+    labels = {
         "place": ", ".join(places),
         "axis": ", ".join(dict.fromkeys(place[0] for place in places)),
         "along": ", ".join(dict.fromkeys(place[-1] for place in places)),
@@ -155,8 +155,8 @@ def _remedy(alike: Sequence[EffectInstance]) -> str:
     for parameter, value in zip(effect.parameters, alike[0].values, strict=True):
         if value.real < parameter.least:
             return f"nothing to enter: no machine has {value.real:+.4g} {parameter.unit} of this"
-        words[parameter.name] = f"{value.real:+.4g} {parameter.unit}"
-    return re.sub(r"\{(\w+)\}", lambda match: words.get(match[1], match[0]), effect.controller)
+        labels[parameter.name] = f"{value.real:+.4g} {parameter.unit}"
+    return re.sub(r"\{(\w+)\}", lambda match: labels.get(match[1], match[0]), effect.controller)
 
 
 def _third(place: str) -> str:

@@ -52,17 +52,17 @@ def _bases() -> Iterator[Basis]:
         ("cube", 3, "with the cube of"),
         ("fourth", 4, "with the fourth power of"),
     )
-    for name, power, words in powers:
+    for name, power, text in powers:
         size = EffectParameter(f"{name}_at_100mm", MICROMETRES, 10.0, power=power)
-        yield Basis(size, f"{words} displacement")
+        yield Basis(size, f"{text} displacement")
     yield Basis(
         EffectParameter("up_less_down", MICROMETRES, 10.0), "with the direction of approach"
     )
     yield Basis(EffectParameter("per_hour", "µm/h", 10.0), "with time")
     yield Basis(EffectParameter("per_kelvin", "µm/K", 5.0), "with temperature")
-    for name, power, words in powers[1:]:  # in proportion it has a name: actuator_scale
+    for name, power, text in powers[1:]:  # in proportion it has a name: actuator_scale
         size = EffectParameter(f"travel_{name}_at_100mm", MICROMETRES, 10.0, power=power)
-        yield Basis(size, f"{words} travel", Stage.ACTUATOR)
+        yield Basis(size, f"{text} travel", Stage.ACTUATOR)
 
 
 BASES: dict[str, Basis] = {one.parameter.name: one for one in _bases()}

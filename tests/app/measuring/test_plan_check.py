@@ -25,10 +25,10 @@ def test_what_does_not_open_is_tried_again_at_the_same_port_or_at_another(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    gone, refused = "/dev/ttyNONE7", "socket://127.0.0.1:1"
+    missing_port, refused = "/dev/ttyNONE7", "socket://127.0.0.1:1"
     instruments = (
         Instrument(profile="tesa", port=refused, axes="yxz"),
-        Instrument(profile="sylvac", port=gone, axes="zyx"),
+        Instrument(profile="sylvac", port=missing_port, axes="zyx"),
     )
     plan = replace(demo_plan(tmp_path, "zero-max-min", 1), instruments=instruments)
     check = PlanCheck(plan)
@@ -38,8 +38,8 @@ def test_what_does_not_open_is_tried_again_at_the_same_port_or_at_another(
     assert fitting(check, opened=False) == ["retry", "port"]
     assert refused_text(check).startswith(str(check.problem))
     name, adapter, ports_in_use = check.lost
-    assert name == f"indicator 2 (sylvac, {gone})"
-    assert (adapter, ports_in_use) == ("", [refused, gone])
+    assert name == f"indicator 2 (sylvac, {missing_port})"
+    assert (adapter, ports_in_use) == ("", [refused, missing_port])
     check.read_at("COM5")
     assert [instrument.port for instrument in check.plan.instruments] == [refused, "COM5"]
 
@@ -49,8 +49,8 @@ def test_a_wrong_port_that_was_chosen_can_be_chosen_again(
 ) -> None:
     """It is here, or nobody can tell; and all the same the indicator is not there."""
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    gone = [Instrument(profile="tesa", port=f"/dev/ttyNONE{k}") for k in (1, 2)]
-    plan = replace(demo_plan(tmp_path, "zero-max-min", 1), instruments=tuple(gone))
+    missing_port = [Instrument(profile="tesa", port=f"/dev/ttyNONE{k}") for k in (1, 2)]
+    plan = replace(demo_plan(tmp_path, "zero-max-min", 1), instruments=tuple(missing_port))
     check = PlanCheck(plan)
     numbers = []
     for wrong in (str(tmp_path), "socket://127.0.0.1:1", "socket://127.0.0.1:2"):

@@ -49,7 +49,9 @@ def report_of(
     head: CertificateHead | None = None,
 ) -> CalibrationReport:
     """The report of sessions, as `calibration_of` takes them."""
-    return report_from(calibration_of(paths, after=after, tolerance_mm=tolerance_mm, head=head))
+    return report_from(
+        calibration_of(paths, later_path=after, tolerance_mm=tolerance_mm, head=head)
+    )
 
 
 def laboratory(

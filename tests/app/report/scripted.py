@@ -28,7 +28,7 @@ class Scripted:
         return next(answer for answer, words in answers if words.startswith(beginning))
 
     async def line(
-        self, question: str, hint: str, without: str = "", proposed: str = ""
+        self, question: str, hint: str, without: str = "", default: str = ""
     ) -> str | None:
         self.questions.append(question)
         return self.answers.pop(0)

@@ -177,7 +177,7 @@ def test_a_table_is_traceable_through_the_instruments_of_the_order(
         assert run.status == 0, run.err
     indicator = '[[instrument]]\nname = "dial"\ncertificate = "K-88"\n'
     order = laboratory(tmp_path, monkeypatch, order=f"{ORDER}\n{indicator}")
-    calibration = calibration_of([before], after=after, head=read_head(order))
+    calibration = calibration_of([before], later_path=after, head=read_head(order))
     assert [instrument.name for instrument in calibration.instruments] == ["dial"]
     html = html_of(report_of([before], after=after, head=read_head(order)))
     assert "Lengths are traceable to the SI" in html
@@ -193,7 +193,7 @@ def test_several_sessions_are_verified_by_the_values_that_were_entered(tmp_path:
     for seed, path in enumerate(paths, start=1):
         run = glidecal("simulate", "-o", path, "--seed", f"{seed}", "--scatter", "0.02")
         assert run.status == 0, run.err
-    calibration = calibration_of(paths[:2], after=paths[2])
+    calibration = calibration_of(paths[:2], later_path=paths[2])
     assert calibration.verification is not None
     stated = [offset.before_mm for offset in calibration.verification.offsets]
     assert stated == pytest.approx(calibration.result.joint_offsets_mm, abs=1e-12)

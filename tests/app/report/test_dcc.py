@@ -60,7 +60,7 @@ def order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def written(order: Path, session: Path, after: Path | None = None) -> str:
     """The certificate of a session with a tolerance."""
     head = read_head(order)
-    calibration = calibration_of([session], after=after, head=head, tolerance_mm=0.1)
+    calibration = calibration_of([session], later_path=after, head=head, tolerance_mm=0.1)
     return certificate_xml(contents_of(calibration))
 
 
@@ -118,7 +118,7 @@ def test_every_decision_is_against_the_tolerance_beside_it(
 ) -> None:
     before = with_tolerance(SIMULATED, tmp_path / "before.jsonl", earlier_mm)
     after = with_tolerance(later_session(tmp_path), tmp_path / "later.jsonl", later_mm)
-    calibration = calibration_of([before], after=after, head=read_head(order))
+    calibration = calibration_of([before], later_path=after, head=read_head(order))
     root = ElementTree.fromstring(certificate_xml(contents_of(calibration)))
     tolerances = root.findall(".//dcc:measurementMetaData//si:value", NAMES)
     assert [float(value.text or "nan") for value in tolerances] == [judged_mm] * 3

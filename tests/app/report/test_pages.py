@@ -234,7 +234,7 @@ def test_readings_of_a_posture_stand_in_a_row_each_below_its_axis() -> None:
 
 
 def test_columns_have_room_for_their_numbers_and_share_the_rest() -> None:
-    table = new_table("no.", "remark", "other", "value, mm", left=3)
+    table = new_table("no.", "remark", "other", "value, mm", left_columns=3)
     table.add_row("1", "x" * 300, "short", "+0.1234")
     number, long, short, value = widths_em(table.columns)
     assert sum((number, long, short, value)) == pytest.approx(WIDTH_EM)

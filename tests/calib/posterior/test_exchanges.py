@@ -66,9 +66,9 @@ def test_two_indicators_of_every_leg_and_two_postures_of_every_cycle_are_among_t
         assert done[tuple(swapped.tolist())].id == "gauge_swap"
     for mount in range(6):
         for cycle in (1, 2, 3):
-            mine = (SHORT.mount == mount) & (SHORT.cycle == cycle)
-            high = np.flatnonzero(mine & (SHORT.displacement_mm == 60.0))
-            low = np.flatnonzero(mine & (SHORT.displacement_mm == -100.0))
+            gauge_rows = (SHORT.mount == mount) & (SHORT.cycle == cycle)
+            high = np.flatnonzero(gauge_rows & (SHORT.displacement_mm == 60.0))
+            low = np.flatnonzero(gauge_rows & (SHORT.displacement_mm == -100.0))
             swapped = numbers.copy()
             swapped[high], swapped[low] = numbers[low], numbers[high]
             swap = done[tuple(swapped.tolist())]

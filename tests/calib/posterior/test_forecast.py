@@ -50,10 +50,10 @@ def machine_of(result: Posterior, model: WeightedModel, values: FloatArray) -> M
     at = result.parameter_count
     for k in (*model.everywhere, *model.members):
         component = result.components[k]
-        mine = values[at : at + len(component.unit)]
+        model_dense = values[at : at + len(component.unit)]
         at += len(component.unit)
-        if mine.any():
-            effects += component.effects(mine)
+        if model_dense.any():
+            effects += component.effects(model_dense)
     return Model(
         parameters_mm=(*values[3:6].tolist(), *values[:3].tolist()), effects=tuple(effects)
     )
@@ -163,11 +163,11 @@ def test_means_go_where_the_readings_of_another_model_take_them(both_ways: Known
 
 
 def test_weights_change_by_the_divergence_of_the_expected_readings(both_ways: Known) -> None:
-    for (true, mine), (second, dense) in product(both_ways.dense.items(), repeat=2):
-        off = mine.expected - dense.expected
+    for (true, model_dense), (second, dense) in product(both_ways.dense.items(), repeat=2):
+        off = model_dense.expected - dense.expected
         square = float(off @ np.linalg.solve(dense.spread, off))
-        logs = np.linalg.slogdet(dense.spread)[1] - np.linalg.slogdet(mine.spread)[1]
-        wide = float(np.trace(np.linalg.solve(dense.spread, mine.spread))) - len(off)
+        logs = np.linalg.slogdet(dense.spread)[1] - np.linalg.slogdet(model_dense.spread)[1]
+        wide = float(np.trace(np.linalg.solve(dense.spread, model_dense.spread))) - len(off)
         (truth, j), (updated, at) = both_ways.after[true], both_ways.after[second]
         divergence = updated.log_factor(truth, j)[at]
         assert divergence == pytest.approx(0.5 * (wide + square + logs), rel=0.05, abs=0.05)
@@ -182,8 +182,8 @@ def test_models_are_apart_by_what_each_leaves_of_the_others_readings(both_ways: 
     dense = dict(reversed(both_ways.dense.items()))
     numbers = both_ways.forecast.numbers.tolist()
     (apart,) = both_ways.forecast.apart([readings], [numbers.index(number) for number in dense])
-    for (i, mine), (j, second) in product(enumerate(dense.values()), repeat=2):
-        off = mine.expected - second.expected
+    for (i, model_dense), (j, second) in product(enumerate(dense.values()), repeat=2):
+        off = model_dense.expected - second.expected
         square = float(off @ np.linalg.solve(second.spread, off))
         assert apart[i, j] == pytest.approx(square, rel=0.05, abs=0.02)
     assert apart.max() > 1.0

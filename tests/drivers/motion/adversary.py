@@ -70,8 +70,8 @@ class TrueAxes(SimulatedAxes):
     def place(self, at_s: float) -> Triple:
         """Where it was at a moment."""
         began_s, start, end, way_s, _ = self._way(at_s)
-        gone = min(1.0, (at_s - began_s) / way_s) if way_s > 0.0 else 1.0
-        x, y, z = (a + gone * (b - a) for a, b in zip(start, end, strict=True))
+        fraction = min(1.0, (at_s - began_s) / way_s) if way_s > 0.0 else 1.0
+        x, y, z = (a + fraction * (b - a) for a, b in zip(start, end, strict=True))
         return x, y, z
 
     def moved(self, from_s: float, to_s: float, *, jogs: bool = True) -> float:
@@ -121,9 +121,9 @@ class Ill:
         words = ", ".join(traits)[:120]
         return f"{type(self).__name__}({words}) {self.begins_s:.2f}+{self.lasts_s:.2f}"
 
-    def hears(self, front: Front, link: Link, came: bytes) -> bytes:
+    def hears(self, front: Front, link: Link, content: bytes) -> bytes:
         """What the machine hears of what was sent."""
-        return came
+        return content
 
     def tells(self, front: Front, link: Link, answer: bytes) -> bytes:
         """What is sent of what the machine answers."""
@@ -261,36 +261,36 @@ class Front:
                 link for link in self.links if self._server is None or link.number == number
             )
             try:
-                came = os.read(number, 4096)
+                content = os.read(number, 4096)
             except BlockingIOError:
                 continue
             except OSError:
-                came = b""
-            if came:
-                self._hears(link, came)
+                content = b""
+            if content:
+                self._hears(link, content)
             elif self._server is not None:
                 self.drop(link)
 
-    def _hears(self, link: Link, came: bytes) -> None:
-        self.heard.append((time.monotonic(), came))
+    def _hears(self, link: Link, content: bytes) -> None:
+        self.heard.append((time.monotonic(), content))
         for ill in self.active():
-            came = ill.hears(self, link, came) if came else came
-        if not came or (self._server is not None and link not in self.links):
+            content = ill.hears(self, link, content) if content else content
+        if not content or (self._server is not None and link not in self.links):
             return
         with contextlib.suppress(Disconnected):
-            self.does(link, came)
+            self.does(link, content)
 
-    def does(self, link: Link, came: bytes) -> None:
+    def does(self, link: Link, content: bytes) -> None:
         """The machine hears this."""
         twin = self.twin
         if isinstance(twin, GrblTwin):
-            if answer := twin.receive(came):
+            if answer := twin.receive(content):
                 self.answer(link, answer)
             return
         assert isinstance(twin, LinuxCncTwin)
         if link.client.echo and link.client.linked:
-            self.answer(link, came)
-        *lines, link.received = (link.received + came).replace(b"\r", b"\n").split(b"\n")
+            self.answer(link, content)
+        *lines, link.received = (link.received + content).replace(b"\r", b"\n").split(b"\n")
         for line in lines:
             text = ""
             with contextlib.suppress(ValueError, IndexError, KeyError):  # a garbled line

@@ -103,7 +103,7 @@ class Deaf(Ill):
 
     deaf = True
 
-    def hears(self, front: Front, link: Link, came: bytes) -> bytes:
+    def hears(self, front: Front, link: Link, content: bytes) -> bytes:
         return b""
 
 
@@ -167,8 +167,8 @@ class Garbles(Ill):
         self.both_ways = self.generator.random() < 0.2
         self.deaf = self.both_ways
 
-    def hears(self, front: Front, link: Link, came: bytes) -> bytes:
-        return self._bytes(came) if self.both_ways else came
+    def hears(self, front: Front, link: Link, content: bytes) -> bytes:
+        return self._bytes(content) if self.both_ways else content
 
     def tells(self, front: Front, link: Link, answer: bytes) -> bytes:
         chance = self.generator.random
@@ -215,12 +215,12 @@ class Drops(Ill):
         self.count = self.generator.randrange(1, 3000)
         self._done = False
 
-    def hears(self, front: Front, link: Link, came: bytes) -> bytes:
-        stop = b"abort" in came or b"\x85" in came
+    def hears(self, front: Front, link: Link, content: bytes) -> bytes:
+        stop = b"abort" in content or b"\x85" in content
         if self.at == "stop" and stop and self.generator.random() < 0.7:
             front.drop(link)
             return b""
-        return came
+        return content
 
     def acts(self, front: Front) -> None:
         for link in list(front.links):
@@ -239,18 +239,18 @@ class Refuses(Ill):
         self.what = self.generator.choice(("any", "stop", "move", "never"))
         self.number = self.generator.choice((1, 8, 9, 15, 22, 999))
 
-    def hears(self, front: Front, link: Link, came: bytes) -> bytes:
+    def hears(self, front: Front, link: Link, content: bytes) -> bytes:
         if self.what == "never":
-            return came
+            return content
         if front.name == "grbl":
             if self.what == "stop":
-                return came.replace(b"\x85", b"")
-            if b"\n" in came:
+                return content.replace(b"\x85", b"")
+            if b"\n" in content:
                 front.answer(link, b"error:%d\r\n" % self.number)
                 return b""
-            return came
+            return content
         lines_through = []
-        for line in came.splitlines(keepends=True):
+        for line in content.splitlines(keepends=True):
             words = line.split()
             prefix = {"any": b"", "stop": b"abort", "move": b"mdi"}[self.what]
             if words[:1] == [b"set"] and prefix in words[1] and not words[1].startswith(b"e"):

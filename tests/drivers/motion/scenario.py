@@ -279,7 +279,7 @@ class Scenario:
 
     def _judge_moves(self) -> None:
         """Each move lies within a consent, and none follows a change that nobody answered."""
-        lines = [(s, line) for s, came in self._front.heard for line in came.split(b"\n")]
+        lines = [(s, line) for s, content in self._front.heard for line in content.split(b"\n")]
         moves = [s for s, line in lines if b"$J" in line or (b"mdi" in line and b" G1 " in line)]
         for at_s in moves:
             slack_s = LOOK_S + self._ticker.held_up(at_s - 1.0, at_s)
@@ -302,13 +302,13 @@ class Scenario:
         if self._place_unknown():
             return True
         if subject == "jog":
-            gone = math.dist(self._axes.place(changed_s), self._axes.place(asked_s))
+            way_mm = math.dist(self._axes.place(changed_s), self._axes.place(asked_s))
             before = [s for at_s, s in self._states if at_s <= changed_s and s != State.STOPPING]
             soon = [s for at_s, s in self._states if changed_s < at_s < changed_s + LOOK_S]
             # on the way, and where that was stopped, nobody knows where it will rest; so it is
             # between the last look before a move and the move, which goes to a place of its own
             moving = before[-1] is State.MOVING or State.MOVING in soon
-            if gone <= LIMITS.reached_mm * 1.8 or moving:
+            if way_mm <= LIMITS.reached_mm * 1.8 or moving:
                 return True
         if subject == MotionTrouble.ELSEWHERE:
             return True

@@ -180,12 +180,12 @@ class ParsesLate(Ill):
     def choose(self) -> None:
         self.kept: list[tuple[float, bytes]] = []
 
-    def hears(self, front: Front, link: Link, came: bytes) -> bytes:
-        if not self.kept and b"$J" not in came:
-            return came
-        if came in (b"?", b"!", b"~", b"\x18", b"\x85", b"\x87"):
-            return came
-        self.kept.append((time.monotonic() + 0.4, came))
+    def hears(self, front: Front, link: Link, content: bytes) -> bytes:
+        if not self.kept and b"$J" not in content:
+            return content
+        if content in (b"?", b"!", b"~", b"\x18", b"\x85", b"\x87"):
+            return content
+        self.kept.append((time.monotonic() + 0.4, content))
         return b""
 
     def acts(self, front: Front) -> None:

@@ -129,6 +129,7 @@ def _go(
             raise _not_proved(proof)
         proposal = mover.proposal
         if proposal is None:
+            time.sleep(LOOK_S)
             continue
         if not confirm(proposal):
             raise MotionError("consent", "not given", "a consent to each way of the machine")

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -128,8 +129,9 @@ class Posterior:
         return LENGTHS + 3 * len(self.sessions)
 
     def starts(self, model: WeightedModel) -> list[int]:
-        """Where the values of each member begin in those of a model."""
-        return [at for _, at in self.placed(model)[len(model.everywhere) :]]
+        """Where the values of each member begin in those of a model: the base comes first."""
+        widths = (len(self.components[k].unit) for k in model.members)
+        return list(accumulate(widths, initial=len(model.base)))[:-1]
 
     def placed(self, model: WeightedModel) -> list[tuple[int, int]]:
         """All components of a model, those everywhere first, and where the values of each begin."""

@@ -10,12 +10,12 @@ from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.widgets import Static
 
+from app.dialogue.correcting import other_port
 from app.exit_codes import exit_code
 from app.measuring.opening import PlanCheck
 from app.measuring.plan import Plan
 from app.measuring.session import Indicators
 from app.report.text import motion, preparing
-from app.report.text.correcting import other_port
 from app.report.text.home import CHECK_HELP, DRY_RUN_HELP
 from app.screens.interface import MainScreen, once, screen_of
 from app.screens.paged import Page, PagedScreen

@@ -11,13 +11,13 @@ from typing import ClassVar, TypeVar
 from textual import work
 from textual.screen import Screen
 
+from app.dialogue.correcting import Correcting
 from app.evaluating.solution import solve_files
 from app.measuring.attended import AttendedSession
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
 from app.report.text import questions
 from app.report.text.alignment import adjusted_words
-from app.report.text.correcting import Correcting
 from app.screens.interface import MainScreen, screen_of
 from calib.errors import GlidecalError
 

@@ -9,10 +9,10 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
+from app.dialogue.adopting import Adopting
 from app.evaluating.diagnosis import SessionDiagnosis
 from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
-from app.report.text.adopting import Adopting
 from app.screens.interface import once, screen_of
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart

@@ -8,10 +8,10 @@ from typing import ClassVar
 from textual import work
 from textual.binding import Binding, BindingType
 
+from app.dialogue.hexaslide import asked_count, asked_request
 from app.planning.hexaslide import Request, better_and_better, hexaslide_planning
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from app.report.text import hexaslide as texts
-from app.report.text.hexaslide import asked_count, asked_request
 from app.screens.interface import once
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart

@@ -15,9 +15,9 @@ from textual.screen import Screen
 from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
 
+from app.dialogue.sessions import SessionChoice, plan_to_go_on
 from app.measuring import recorded
 from app.report.text import home as texts
-from app.report.text.errand import SessionChoice, plan_to_go_on
 from app.screens import Look, look_of
 from app.screens.interface import MainScreen, once, screen_of
 from app.screens.pages import apart

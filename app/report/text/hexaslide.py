@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING
 
-from app.planning.hexaslide import Request, measuring
 from app.report.text.tables import PAGE_HELP, new_table, paragraphs, table_text, wrapped
 from calib.arrays import FloatArray
-from calib.errors import UsageError
 from calib.hexaslide.geometry import COORDINATES
 from calib.hexaslide.planning import (
     DIFFERENCE_STEP,
@@ -23,9 +19,6 @@ from calib.hexaslide.planning import (
 )
 from calib.hexaslide.procedures import MEASURABLE_WORDS, ProcedureKind
 from calib.hexaslide.search import BestPostures
-
-if TYPE_CHECKING:  # sessions of legs come with it
-    from app.report.text.errand import Person
 
 PUBLISHED_WORDS = {
     "log10_determinant": "log10 det(JᵀJ)",
@@ -368,37 +361,3 @@ def drawn_at_text(number: int, count: int) -> str:
     where = "the middle of the box" if number == 0 else f"optimum posture {number} of {count}"
     turn = "   {hexaslide.next_posture} and {hexaslide.posture_before} draw the others"
     return f"Drawn at {where}.{turn * bool(count)}\n{DRAWING_WORDS}"
-
-
-MOST_POSTURES = 200
-
-
-async def asked_request(person: Person, subject: str, request: Request) -> Request | None:
-    """Another procedure, other components or another machine file; None where it stays as it is.
-
-    An empty line in place of a machine file is the example H60.
-    """
-    if subject == "procedure":
-        kinds = [(kind, f"{kind}: {PROCEDURE_WORDS[kind]}") for kind in KINDS]
-        kind = await person.choice(WHICH_PROCEDURE, kinds)
-        return replace(request, procedure=kind, measured=(), known=None) if kind else None
-    if subject == "measured":
-        components = ",".join(request.measured or ("x", "y", "z", "theta"))
-        text = await person.line(WHICH_COMPONENTS, "x,y,z,theta", default=components)
-        return measuring(request, text) if text else None
-    now = str(request.machine_file or "")
-    text = await person.line(WHICH_MACHINE, "path", default=now)
-    if text in (None, now):
-        return None
-    return replace(request, machine_file=Path(text).expanduser() if text else None)
-
-
-async def asked_count(person: Person, fewest: int, now: int) -> int | None:
-    """How many postures; None without an answer. Raises UsageError."""
-    question = f"How many postures? {fewest} or more."
-    text = await person.line(question, "number", default=str(now))
-    if not text:
-        return None
-    if not text.isdecimal() or not fewest <= int(text) <= MOST_POSTURES:
-        raise UsageError("number of postures", f"'{text}'", f"{fewest} to {MOST_POSTURES}")
-    return int(text)

@@ -9,16 +9,16 @@ from typing import TypeVar
 
 import pytest
 
+from app.dialogue.correcting import Correcting, other_port
+from app.dialogue.hexaslide import MOST_POSTURES, asked_count, asked_request
 from app.measuring import indicators
 from app.measuring.session import GuidedSession
 from app.measuring.unattended import take_simulated
 from app.planning.hexaslide import Request
-from app.report.text.correcting import Correcting, other_port
-from app.report.text.hexaslide import MOST_POSTURES, asked_count, asked_request
 from calib.errors import IndicatorError, UsageError
 from calib.hexaslide.procedures import ProcedureKind
+from tests.app.dialogue.scripted import Scripted
 from tests.app.measuring.test_plane_session import session
-from tests.app.report.scripted import Scripted
 
 Answer = TypeVar("Answer")
 

@@ -8,13 +8,13 @@ from typing import Any, TypeVar
 
 import pytest
 
+from app.dialogue.sessions import Errand, SessionChoice, plan_to_go_on
 from app.measuring.recorded import named_sessions, recent_sessions
 from app.report.text import home as texts
-from app.report.text.errand import Errand, SessionChoice, plan_to_go_on
 from calib.errors import RecordError, UsageError
 from protocols.machine import Instrument
+from tests.app.dialogue.scripted import Scripted
 from tests.app.posture_sessions import posture_session
-from tests.app.report.scripted import Scripted
 from tests.recorded import opened, write
 
 Answer = TypeVar("Answer")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
-from app.report.text.adopting import Adopting
+from app.dialogue.adopting import Adopting
 from protocols.model_file import read_model_file
-from tests.app.report.scripted import Scripted
+from tests.app.dialogue.scripted import Scripted
 from tests.hidden_sessions import bowed_session
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from app.dialogue.person import Person, asked_path
 from app.evaluating.diagnosis import (
     SessionDiagnosis,
     adopt,
@@ -17,7 +18,6 @@ from app.evaluating.diagnosis import (
 )
 from app.evaluating.what_if import Choice
 from app.report.text import diagnosis as texts
-from app.report.text.errand import Person, asked_path
 from protocols.effect_entries import EffectEntry
 from protocols.files import unused_path
 from protocols.model_file import ModelFile, read_model_file

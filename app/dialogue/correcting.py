@@ -7,12 +7,12 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
 
+from app.dialogue.person import Person
 from app.measuring.indicators import ports_to_choose
 from app.measuring.lost import LostIndicators
 from app.measuring.session import GuidedSession
 from app.report.text import motion, questions
 from app.report.text import session as texts
-from app.report.text.errand import Person
 from app.report.text.home import PORT_HINT
 from calib.errors import GlidecalError
 from drivers.port import check_port

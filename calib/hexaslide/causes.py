@@ -41,7 +41,8 @@ STEP = 1e-6
 class HexaSlideCause:
     """What may be missing: its effect on what is read, ``columns`` ``(n, r)`` per unremarkable
     size, on places ``(3 p, r)`` and on carriages ``(p, 6, r)``; ``names`` of its values, their
-    ``unit`` and its ``size``.
+    ``unit`` and its ``size``. ``share`` is its part of the prior of its name at its place: a
+    mistake may be of one value or of all.
     """
 
     id: str
@@ -52,6 +53,7 @@ class HexaSlideCause:
     columns: FloatArray
     places: FloatArray
     carriages: FloatArray
+    share: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -75,12 +77,20 @@ def mistake_at(readings: Readings, row: int) -> tuple[str, str]:
 def mistakes_of(
     readings: Readings, machine: HexaSlide, postures: FloatArray
 ) -> Iterator[HexaSlideCause]:
-    """Places may be measured in another frame, and every posture may be wrong."""
+    """Places may be measured in another frame, and every posture may be wrong: all of its values,
+    as of a target that slipped, or as likely one of them, as of a cell mistyped.
+    """
     effects = _Effects(readings, machine, postures)
     if {*COMPONENTS[:3]} <= {*readings.procedure.read}:
         yield effects.of_frame(postures)
+    values = range(len(readings.procedure.read))
+    wrong = [(tuple(values), 1.0)]
+    if len(values) > 1:
+        # as all values, each by at least 10 deviations, one that is off by 6 is hardly likely
+        wrong = [(tuple(values), 0.5), *(((k,), 0.5 / len(values)) for k in values)]
     for row in range(len(readings.sliders)):
-        yield effects.of_posture(row, *mistake_at(readings, row))
+        for columns, share in wrong:
+            yield effects.of_posture(row, columns, share, *mistake_at(readings, row))
 
 
 def causes_of_machine(
@@ -206,15 +216,19 @@ class _Effects:
         size = 1e3 * UNIT_FRAME_M
         return HexaSlideCause(FRAME, "all postures", names, "mm", size, columns, places, still)
 
-    def of_posture(self, row: int, cause: str, where: str) -> HexaSlideCause:
-        """All values of a posture wrong: a mistake, which moves nothing."""
-        columns = np.zeros((self._count, len(self._noise), len(self._noise)))
-        columns[row] = UNIT_OF_NOISE * np.eye(len(self._noise))
-        flat = columns.reshape(-1, len(self._noise))
-        places = np.zeros((3 * self._count, flat.shape[1]))
-        names = tuple(f"{name} off" for name in self._names)
-        still = np.zeros((self._count, CHAINS, flat.shape[1]))
-        return HexaSlideCause(cause, where, names, "noise", UNIT_OF_NOISE, flat, places, still)
+    def of_posture(
+        self, row: int, wrong: tuple[int, ...], share: float, cause: str, where: str
+    ) -> HexaSlideCause:
+        """These values of a posture wrong: a mistake, which moves nothing."""
+        columns = np.zeros((self._count, len(self._noise), len(wrong)))
+        columns[row, wrong, range(len(wrong))] = UNIT_OF_NOISE
+        flat = columns.reshape(-1, len(wrong))
+        places = np.zeros((3 * self._count, len(wrong)))
+        names = tuple(f"{self._names[k]} off" for k in wrong)
+        still = np.zeros((self._count, CHAINS, len(wrong)))
+        return HexaSlideCause(
+            cause, where, names, "noise", UNIT_OF_NOISE, flat, places, still, share
+        )
 
 
 def _sides(geometry: Geometry, chain: int) -> tuple[FloatArray, FloatArray]:

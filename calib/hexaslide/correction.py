@@ -21,9 +21,6 @@ from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
 from calib.stats import COVERAGE, mixture_uncertainties, root_quantile
 
-LEAST_WEIGHT = 1e-5
-"""Models of less weight change nothing that could be entered."""
-
 IMITATED_AT = 400
 """So many places, of the seed of this number, show what parameters can imitate."""
 
@@ -53,7 +50,6 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
     """
     if not models.entries:
         return None
-    models = models.usual(LEAST_WEIGHT)
     calibrated = models.calibration
     machine, names, free = calibrated.machine, calibrated.names, calibrated.laid_over
     along, by_axes = models.directions, models.directions / models.sizes

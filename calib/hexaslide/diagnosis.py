@@ -8,7 +8,8 @@ three.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -33,7 +34,7 @@ from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings, postures_of, residuals
 from calib.posterior.gaussian import About
-from calib.posterior.race import ADOPTED, Products, Race, RaceEntry
+from calib.posterior.race import ADOPTED, LIGHTEST, Products, Race, RaceEntry
 from calib.quantity import Quantity
 from calib.stats import UNLIKELY, variance_ratio_p_value
 
@@ -45,6 +46,10 @@ SETTLED = 1.01
 
 MOST_LARGER = 20
 """Steps to such a noise, each to what the one before leaves."""
+
+FAINTEST = 1e-6
+"""Models of more weight count in claims: the thousands between this and `LIGHTEST` have 1 or 2 %
+together, and a small cause is often among them."""
 
 Names = tuple[tuple[str, str], ...]
 """Ids of causes with their places, sorted."""
@@ -103,7 +108,8 @@ class HexaSlideDiagnosis:
 @dataclass(frozen=True, eq=False)
 class WeighedCauses:
     """Models of what may be missing, weighed: ``entries`` the heaviest first, none where too few
-    readings are ``spare``.
+    readings are ``spare``. ``weights_of_names`` are those of every set of causes, lighter models
+    with them, the heaviest first, together 1.
 
     ``base`` ``(n, k)`` are derivatives by the parameters in ``tolerances`` ``(k,)``, ``whitened``
     ``(n,)`` what the ``calibration`` machine leaves, both in the noise. Its singular values
@@ -134,6 +140,7 @@ class WeighedCauses:
     causes: tuple[HexaSlideCause, ...]
     race: Race
     entries: tuple[RaceEntry, ...]
+    weights_of_names: Mapping[Names, float]
     adopted: tuple[AdoptedEffect, ...]
     stated: FloatArray
     free: RaceEntry
@@ -152,11 +159,7 @@ class WeighedCauses:
     @property
     def weights(self) -> FloatArray:
         """Weights of the entries, together 1; none without any."""
-        if not self.entries:
-            return np.zeros(0)
-        logs = np.array([entry.log_weight for entry in self.entries])
-        weights = np.exp(logs - logs.max())
-        return np.asarray(weights / weights.sum())
+        return _weights(self.entries)
 
     @property
     def log_evidence(self) -> float:
@@ -197,7 +200,7 @@ class WeighedCauses:
     def names(self, entry: RaceEntry) -> Names:
         """What a model has beside adopted effects."""
         members = (self.causes[k] for k in entry.members if k not in self.free.members)
-        return tuple(sorted((cause.id, cause.where) for cause in members))
+        return tuple(sorted({(cause.id, cause.where) for cause in members}))
 
     @property
     def given_way(self) -> FloatArray:
@@ -216,16 +219,11 @@ class WeighedCauses:
 
     def likely(self) -> dict[tuple[str, str], float]:
         """Causes with the weight of all models that have them, the likeliest first."""
-        weights: dict[tuple[str, str], float] = {}
-        for entry, weight in zip(self.entries, self.weights.tolist(), strict=True):
-            for name in self.names(entry):
-                weights[name] = weights.get(name, 0.0) + weight
-        return dict(sorted(weights.items(), key=lambda item: (-item[1], item[0])))
-
-    def usual(self, least: float) -> WeighedCauses:
-        """Only models of more weight than ``least``."""
-        pairs = zip(self.entries, self.weights.tolist(), strict=True)
-        return replace(self, entries=tuple(entry for entry, weight in pairs if weight > least))
+        likely: dict[tuple[str, str], float] = {}
+        for names, weight in self.weights_of_names.items():
+            for name in names:
+                likely[name] = likely.get(name, 0.0) + weight
+        return dict(sorted(likely.items(), key=lambda item: (-item[1], item[0])))
 
     def given(self, names: Names) -> WeighedCauses:
         """Only models that have these names, perhaps none."""
@@ -358,6 +356,7 @@ def _weighed(
         causes=causes,
         race=race,
         entries=(),
+        weights_of_names={},
         adopted=tuple(adopted),
         stated=np.concatenate(stated),
         free=RaceEntry(members, scales, 0.0),
@@ -365,7 +364,24 @@ def _weighed(
     if models.spare < FEWEST_SPARE:
         return models
     looked_for = [k for k, effect in enumerate(places) if effect is None]
-    return replace(models, entries=tuple(_entries(race, models.free, looked_for)))
+    entries = tuple(_entries(race, models.free, looked_for))
+    weights, weights_of_names = _weights(entries), dict[Names, float]()
+    for entry, weight in zip(entries, weights.tolist(), strict=True):
+        names_of_entry = models.names(entry)
+        weights_of_names[names_of_entry] = weights_of_names.get(names_of_entry, 0.0) + weight
+    heaviest_first = sorted(weights_of_names.items(), key=lambda item: (-item[1], item[0]))
+    return replace(
+        models,
+        entries=entries[: int((weights > LIGHTEST).sum())],
+        weights_of_names=dict(heaviest_first),
+    )
+
+
+def _weights(entries: Sequence[RaceEntry]) -> FloatArray:
+    """Weights of models ``(n,)``, together 1."""
+    logs = np.array([entry.log_weight for entry in entries])
+    weights = np.exp(logs - logs.max(initial=-math.inf))
+    return np.asarray(weights / weights.sum())
 
 
 def _entries(race: Race, free: RaceEntry, looked_for: Sequence[int]) -> Iterator[RaceEntry]:
@@ -379,7 +395,7 @@ def _entries(race: Race, free: RaceEntry, looked_for: Sequence[int]) -> Iterator
         products.square - float(taken.along @ taken.along),
     )
     columns, prior = [race.columns[k] for k in looked_for], race.log_prior[[*looked_for]]
-    for entry in replace(race, products=beside, columns=columns, log_prior=prior).run():
+    for entry in replace(race, products=beside, columns=columns, log_prior=prior).run(FAINTEST):
         members = tuple(looked_for[k] for k in entry.members)
         yield RaceEntry((*members, *free.members), (*entry.scales, *free.scales), entry.log_weight)
 
@@ -410,9 +426,12 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
     )
     if not entries:
         return result
-    weights = _weights(models)
-    sure_claims = _sure(weights)
-    claims = _claims(weights)
+    sure_claims = tuple(
+        HexaSlideClaim((cause,), weight)
+        for cause, weight in sorted(models.likely().items())
+        if weight >= SURE
+    )
+    claims = tuple(_claims(models.weights_of_names))
     heaviest_names = (
         tuple(sorted(cause for claim in sure_claims for cause in claim.causes)) or claims[0].causes
     )
@@ -422,7 +441,7 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
     after = models.mean_square(best)
     return replace(
         result,
-        verdict=_verdict(weights, sure_claims, after[1]),
+        verdict=_verdict(models.weights_of_names, sure_claims, after[1]),
         named=sure_claims,
         claims=claims,
         sizes=tuple(_cause_sizes(best, models.causes, mean, covariance)),
@@ -443,9 +462,9 @@ def _race(about: About, causes: tuple[HexaSlideCause, ...], free: int) -> Race:
     widths = [cause.columns.shape[1] for cause in causes]
     starts = np.cumsum([0, *widths[:-1]])
     index = [np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)]
-    kinds = [cause.id for cause in causes]
+    places = Counter(name for name, _ in {(cause.id, cause.where) for cause in causes})
     # each kind is as likely, and so is each of its places
-    prior = [-math.log(len(set(kinds)) * kinds.count(kind)) for kind in kinds]
+    prior = [math.log(cause.share / (len(places) * places[cause.id])) for cause in causes]
     return Race(products, index, np.array(prior), free, math.inf)
 
 
@@ -460,39 +479,18 @@ def _mean_square(whitened: FloatArray, directions: FloatArray, spare: int) -> tu
     return ratio, variance_ratio_p_value(ratio, spare, np.inf)
 
 
-def _weights(models: WeighedCauses) -> dict[Names, float]:
-    """Weights of every set of causes, summed over scales; together 1."""
-    weights: dict[Names, float] = {}
-    for entry, weight in zip(models.entries, models.weights.tolist(), strict=True):
-        names = models.names(entry)
-        weights[names] = weights.get(names, 0.0) + weight
-    return weights
-
-
-def _sure(weights: dict[Names, float]) -> tuple[HexaSlideClaim, ...]:
-    """Causes that nearly all models have, whatever else these have."""
-    causes_listed = sorted({cause for names in weights for cause in names})
-    sums = {
-        cause: sum(w for names, w in weights.items() if cause in names) for cause in causes_listed
-    }
-    return tuple(
-        HexaSlideClaim((cause,), sums[cause]) for cause in causes_listed if sums[cause] >= SURE
-    )
-
-
-def _claims(weights: dict[Names, float]) -> tuple[HexaSlideClaim, ...]:
+def _claims(weights: Mapping[Names, float]) -> Iterator[HexaSlideClaim]:
     """The heaviest first, until little is left out."""
-    so_far, claims = 0.0, []
-    for names, weight in sorted(weights.items(), key=lambda item: (-item[1], item[0])):
-        claims.append(HexaSlideClaim(names, weight))
-        so_far += weight
-        if so_far >= 1.0 - OPEN:
+    missed = 1.0
+    for names, weight in weights.items():
+        yield HexaSlideClaim(names, weight)
+        missed -= weight
+        if missed <= OPEN:
             break
-    return tuple(claims)
 
 
 def _verdict(
-    weights: dict[Names, float], sure_claims: tuple[HexaSlideClaim, ...], p_after: float
+    weights: Mapping[Names, float], sure_claims: tuple[HexaSlideClaim, ...], p_after: float
 ) -> Verdict:
     """The verdict by the constants of `calib.diagnosis.thresholds`."""
     if p_after < UNLIKELY:

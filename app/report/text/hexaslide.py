@@ -15,7 +15,6 @@ from calib.errors import UsageError
 from calib.hexaslide.geometry import COORDINATES
 from calib.hexaslide.planning import (
     DIFFERENCE_STEP,
-    KINDS,
     SCALED,
     SCALED_WORDS,
     HexaSlideSeen,
@@ -271,7 +270,11 @@ def heading_text(file: Path | None, view: HexaSlideSeen | None) -> str:
     if view is None:
         return machine
     kind = view.procedure.kind
-    number = f"{KINDS.index(kind) + 1} of {len(KINDS)}" if view.published else "your own"
+    number = (
+        f"{[*ProcedureKind].index(kind) + 1} of {len(ProcedureKind)}"
+        if view.published
+        else "your own"
+    )
     return f"{machine}   {number}: {kind.value}"
 
 
@@ -379,7 +382,7 @@ async def asked_request(person: Person, subject: str, request: Request) -> Reque
     An empty line in place of a machine file is the example H60.
     """
     if subject == "procedure":
-        kinds = [(kind, f"{kind}: {PROCEDURE_WORDS[kind]}") for kind in KINDS]
+        kinds = [(kind, f"{kind}: {PROCEDURE_WORDS[kind]}") for kind in ProcedureKind]
         kind = await person.choice(WHICH_PROCEDURE, kinds)
         return replace(request, procedure=kind, measured=(), known=None) if kind else None
     if subject == "measured":

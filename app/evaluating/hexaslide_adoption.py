@@ -100,7 +100,8 @@ def adopted(diagnosed: DiagnosedPostures, candidate: str | None) -> Adoption:
     if before is None or not with_names.entries:
         raise _refused(diagnosed, "the readings without the mistakes no longer show it")
     effects = (*models.resized(), *with_names.sizes_of(names))
-    beside = beside_effects(source, models.stated_readings, effects)
+    stated = models.readings.noisier(1.0 / models.noise_times)
+    beside = beside_effects(source, stated, effects)
     after = correction_of(beside, nominal)
     if after is None:
         raise NotIdentifiable(

@@ -180,17 +180,22 @@ class WeighedCauses:
         """Mean ``(r,)`` and covariance ``(r, r)`` of a model's values, in unremarkable sizes; of
         adopted effects what they differ by from ``stated``.
         """
-        return _sizes(self.race, entry)
+        index = self.index(entry)
+        scale = np.repeat(entry.scales, [len(self.race.columns[k]) for k in entry.members])
+        inner = self.race.products.inner[np.ix_(index, index)] + np.diag(scale**-2.0)
+        covariance = np.asarray(np.linalg.inv(inner), dtype=np.float64)
+        return np.asarray(covariance @ self.race.products.along[index]), covariance
 
     def mean_square(self, entry: RaceEntry) -> tuple[float, float]:
-        """What parameters and a model leave, in variances of the stated noise, and its p-value."""
+        """What parameters and a model leave, in variances of the stated noise, and its p-value; 0
+        and 1 where nothing is over.
+        """
+        if self.spare < 1:
+            return 0.0, 1.0
         remainder = self.whitened - self.columns(entry) @ self.values(entry)[0]
-        return _mean_square(self.noise_times * remainder, self.axes, self.spare)
-
-    @property
-    def stated_readings(self) -> Readings:
-        """The readings with the stated noise."""
-        return self.readings.noisier(1.0 / self.noise_times)
+        remainder = without(self.axes, self.noise_times * remainder)
+        ratio = float(remainder @ remainder) / self.spare
+        return ratio, variance_ratio_p_value(ratio, self.spare, np.inf)
 
     @property
     def excess(self) -> float:
@@ -233,10 +238,13 @@ class WeighedCauses:
     def sizes_of(self, names: Names) -> tuple[AdoptedEffect, ...]:
         """Causes that all entries have, with their sizes as all of them weigh these."""
         effects, weights = [], self.weights
-        means_of = [dict(self._values_of(entry)) for entry in self.entries]
+        values_of = [
+            {(cause.id, cause.where): values for cause, *values in self.by_cause(entry)}
+            for entry in self.entries
+        ]
         for name in names:
             cause = next(cause for cause in self.causes if (cause.id, cause.where) == name)
-            means, variances = np.moveaxis(np.array([means[name] for means in means_of]), 1, 0)
+            means, variances = np.moveaxis(np.array([values[name] for values in values_of]), 1, 0)
             mean = weights @ means
             deviations = np.sqrt(weights @ (variances + means**2) - mean**2)
             sizes = ((cause.size * part).tolist() for part in (mean, deviations))
@@ -252,16 +260,15 @@ class WeighedCauses:
         sizes = {(effect.id, effect.where): effect for effect in self.sizes_of(loose)}
         return tuple(sizes.get((effect.id, effect.where), effect) for effect in self.adopted)
 
-    def _values_of(
-        self, entry: RaceEntry
-    ) -> Iterator[tuple[tuple[str, str], tuple[FloatArray, FloatArray]]]:
-        """Whole sizes and variances of each cause of a model."""
+    def by_cause(self, entry: RaceEntry) -> Iterator[tuple[HexaSlideCause, FloatArray, FloatArray]]:
+        """The causes of a model, each with whole sizes and their variances ``(r,)``."""
         mean, covariance = self.values(entry)
         mean, variance = mean + self.stated[self.index(entry)], covariance.diagonal()
         ends = np.cumsum([len(self.race.columns[k]) for k in entry.members], dtype=np.intp)
-        parts = zip(np.split(mean, ends)[:-1], np.split(variance, ends)[:-1], strict=True)
-        for k, part in zip(entry.members, parts, strict=True):
-            yield (self.causes[k].id, self.causes[k].where), part
+        causes = (self.causes[k] for k in entry.members)
+        yield from zip(
+            causes, np.split(mean, ends)[:-1], np.split(variance, ends)[:-1], strict=True
+        )
 
 
 def weighed(
@@ -400,54 +407,39 @@ def _entries(race: Race, free: RaceEntry, looked_for: Sequence[int]) -> Iterator
         yield RaceEntry((*members, *free.members), (*entry.scales, *free.scales), entry.log_weight)
 
 
-def diagnosed(
-    readings: Readings, nominal: HexaSlide, tolerances: FloatArray, lead_m: float | None = None
-) -> HexaSlideDiagnosis:
-    """`diagnosis_from` of `weighed`, and raises as that."""
-    return diagnosis_from(weighed(readings, nominal, tolerances, lead_m))
-
-
 def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
     """Names, sizes and the gap, from the weights."""
     readings, entries = models.readings, models.entries
-    gap = models.mean_square(models.free)
-    result = HexaSlideDiagnosis(
-        verdict="cannot-tell",
-        named=(),
-        claims=(),
-        sizes=(),
-        platform_m=0.0,
-        gap_before=gap[0],
-        p_before=gap[1],
-        gap_after=gap[0],
-        p_after=gap[1],
-        spare=models.spare,
-        unidentifiable=models.calibration.unidentifiable,
-    )
-    if not entries:
-        return result
+    before = after = models.mean_square(models.free)
+    verdict: Verdict = "cannot-tell"
+    sizes: tuple[CauseSize, ...] = ()
+    platform_m = 0.0
     sure_claims = tuple(
         HexaSlideClaim((cause,), weight)
         for cause, weight in sorted(models.likely().items())
         if weight >= SURE
     )
     claims = tuple(_claims(models.weights_of_names))
-    heaviest_names = (
-        tuple(sorted(cause for claim in sure_claims for cause in claim.causes)) or claims[0].causes
-    )
-    best = next((entry for entry in entries if models.names(entry) == heaviest_names), entries[0])
-    mean, covariance = models.values(best)
-    mean = mean + models.stated[models.index(best)]
-    after = models.mean_square(best)
-    return replace(
-        result,
-        verdict=_verdict(models.weights_of_names, sure_claims, after[1]),
+    if entries:
+        sure_names = tuple(sorted(cause for claim in sure_claims for cause in claim.causes))
+        names = sure_names or claims[0].causes
+        best = next((entry for entry in entries if models.names(entry) == names), entries[0])
+        after = models.mean_square(best)
+        verdict = _verdict(models.weights_of_names, sure_claims, after[1])
+        sizes = tuple(_cause_sizes(models, best))
+        platform_m = _at_platform(models, best)
+    return HexaSlideDiagnosis(
+        verdict=verdict,
         named=sure_claims,
         claims=claims,
-        sizes=tuple(_cause_sizes(best, models.causes, mean, covariance)),
-        platform_m=_at_platform(models, best, mean),
+        sizes=sizes,
+        platform_m=platform_m,
+        gap_before=before[0],
+        p_before=before[1],
         gap_after=after[0],
         p_after=after[1],
+        spare=models.spare,
+        unidentifiable=models.calibration.unidentifiable,
         wrong_postures=tuple(
             readings.number(row)
             for row in range(len(readings.sliders))
@@ -466,17 +458,6 @@ def _race(about: About, causes: tuple[HexaSlideCause, ...], free: int) -> Race:
     # each kind is as likely, and so is each of its places
     prior = [math.log(cause.share / (len(places) * places[cause.id])) for cause in causes]
     return Race(products, index, np.array(prior), free, math.inf)
-
-
-def _mean_square(whitened: FloatArray, directions: FloatArray, spare: int) -> tuple[float, float]:
-    """What parameters leave of residuals ``(n,)``, with ``directions`` ``(n, rank)`` of theirs: the
-    mean square in variances of the noise and its p-value; 0 and 1 where nothing is over.
-    """
-    if spare < 1:
-        return 0.0, 1.0
-    remainder = without(directions, whitened)
-    ratio = float(remainder @ remainder) / spare
-    return ratio, variance_ratio_p_value(ratio, spare, np.inf)
 
 
 def _claims(weights: Mapping[Names, float]) -> Iterator[HexaSlideClaim]:
@@ -500,36 +481,21 @@ def _verdict(
     return "explained" if sure_claims else "ambiguous"
 
 
-def _sizes(race: Race, entry: RaceEntry) -> tuple[FloatArray, FloatArray]:
-    """Mean ``(r,)`` and covariance ``(r, r)`` of a model's values, in unremarkable sizes."""
-    if not entry.members:
-        return np.zeros(0), np.zeros((0, 0))
-    index = np.concatenate([race.columns[k] for k in entry.members])
-    widths = [len(race.columns[k]) for k in entry.members]
-    scale = np.repeat(entry.scales, widths)
-    inner = race.products.inner[np.ix_(index, index)] + np.diag(scale**-2.0)
-    covariance = np.linalg.inv(inner)
-    return np.asarray(covariance @ race.products.along[index]), covariance
-
-
-def _cause_sizes(
-    entry: RaceEntry, causes: tuple[HexaSlideCause, ...], mean: FloatArray, covariance: FloatArray
-) -> Iterator[CauseSize]:
-    values = iter(zip(mean.tolist(), np.sqrt(covariance.diagonal()).tolist(), strict=True))
-    for k in entry.members:
-        cause = causes[k]
-        for name in cause.names:
-            value, deviation = next(values)
+def _cause_sizes(models: WeighedCauses, entry: RaceEntry) -> Iterator[CauseSize]:
+    for cause, values, variances in models.by_cause(entry):
+        rows = zip(cause.names, values.tolist(), np.sqrt(variances).tolist(), strict=True)
+        for name, value, deviation in rows:
             words = f"{cause.where}, {name}"
             yield CauseSize(words, cause.size * value, cause.size * deviation, cause.unit)
 
 
-def _at_platform(models: WeighedCauses, entry: RaceEntry, mean: FloatArray) -> float:
+def _at_platform(models: WeighedCauses, entry: RaceEntry) -> float:
     """R.m.s. movement of the platform's origin by a model that no parameter takes over, metres."""
     if not entry.members:
         return 0.0
     machine = models.calibration.machine
     postures = postures_of(models.readings, machine)
+    mean = models.values(entry)[0] + models.stated[models.index(entry)]
     shift = np.hstack([models.causes[k].places for k in entry.members]) @ mean
     forward = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)
     derivatives = jacobian(forward, machine.geometry, postures)

@@ -18,7 +18,8 @@ from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 
-from calib.hexaslide.diagnosis import HexaSlideDiagnosis, diagnosed
+from calib.hexaslide.diagnosis import HexaSlideDiagnosis, diagnosis_from, weighed
+from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.residuals import Readings
 from protocols.hexaslide import HexaSlideMachine, load_hexaslide
@@ -188,6 +189,13 @@ def on_link(true: Plain, posture: Array) -> Array:
     lifted = posture.copy()
     lifted[2] += base[2] + np.sqrt((true.length + play) ** 2 - level) - end[2]
     return lifted
+
+
+def diagnosed(
+    readings: Readings, nominal: HexaSlide, tolerances: Array, lead_m: float | None = None
+) -> HexaSlideDiagnosis:
+    """As the program diagnoses them."""
+    return diagnosis_from(weighed(readings, nominal, tolerances, lead_m))
 
 
 def case(kind: str, seed: int) -> tuple[Hidden, HexaSlideDiagnosis]:

@@ -12,10 +12,19 @@ from scipy.spatial.transform import Rotation
 from calib.arrays import FloatArray
 from calib.errors import NotIdentifiable
 from calib.hexaslide.correction import correction_of
-from calib.hexaslide.diagnosis import diagnosed, weighed
+from calib.hexaslide.diagnosis import weighed
 from calib.hexaslide.residuals import Readings
 from protocols.hexaslide import load_hexaslide
-from tests.blind.hexaslide import LEAD_M, NOISE_RAD, POSTURES, Hidden, Plain, case, measured
+from tests.blind.hexaslide import (
+    LEAD_M,
+    NOISE_RAD,
+    POSTURES,
+    Hidden,
+    Plain,
+    case,
+    diagnosed,
+    measured,
+)
 from tests.blind.hexaslide_correction import off_mm
 from tests.conftest import LONG, first_quick
 

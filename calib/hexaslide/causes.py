@@ -218,12 +218,11 @@ class _Effects:
         share: float,
     ) -> HexaSlideCause:
         """A cause that moves nothing, with its effect on what is read ``(p, m, r)``."""
-        width = len(names)
-        places, carriages = (
-            np.zeros((3 * self._count, width)),
-            np.zeros((self._count, CHAINS, width)),
+        flat, carriages = (
+            columns.reshape(-1, len(names)),
+            np.zeros((self._count, CHAINS, len(names))),
         )
-        flat = columns.reshape(-1, width)
+        places = np.zeros((3 * self._count, len(names)))
         return HexaSlideCause(cause, where, names, unit, size, flat, places, carriages, share)
 
 

@@ -120,8 +120,9 @@ def lengths_of(models: WeighedCauses) -> KnownValues:
     calibrated = models.calibration
     if calibrated.left_open:
         return lengths_alone(calibrated)
-    lengths_m = np.asarray(inner_lengths(calibrated.machine.geometry))
-    return known_of(models, length_slopes(calibrated), lengths_m)
+    geometry = calibrated.machine.geometry
+    slopes = length_slopes(geometry, calibrated.names)
+    return known_of(models, slopes, np.asarray(inner_lengths(geometry)))
 
 
 def moved_by(models: WeighedCauses, places: Places) -> FloatArray:

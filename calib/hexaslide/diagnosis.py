@@ -15,10 +15,10 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from calib.arrays import EXACT_BLIND, FloatArray, IntArray, svd_of_all, without
+from calib.arrays import FloatArray, IntArray, without
 from calib.diagnosis.thresholds import AGREED, OPEN, SURE
 from calib.errors import NotIdentifiable
-from calib.hexaslide.calibration import Calibration, calibrate
+from calib.hexaslide.calibration import Calibration, SeenDirections, calibrate
 from calib.hexaslide.causes import (
     MISTAKE,
     AdoptedEffect,
@@ -335,8 +335,7 @@ def _weighed(
     base = (slopes / noise[:, None]).reshape(residual.values.size, -1) * tolerances
     expected = (nominal.parameters(names) - machine.parameters(names)) / tolerances
     whitened = (residual.values / noise).ravel()
-    axes, sizes, directions = svd_of_all(base)
-    rank = int((sizes > EXACT_BLIND * sizes[0]).sum())
+    seen = SeenDirections.of(base)
     of_machine = causes_of_machine(readings, machine, postures, lead_m, middle)
     causes = (*of_machine, *mistakes_of(readings, machine, postures))
     race = _race(About.of(base, whitened, expected), causes, len(whitened))
@@ -357,9 +356,9 @@ def _weighed(
         expected=expected,
         base=base,
         whitened=whitened,
-        axes=axes[:, :rank],
-        sizes=sizes[:rank],
-        directions=np.asarray(directions[:rank].T),
+        axes=seen.left,
+        sizes=seen.singular,
+        directions=seen.right.T,
         causes=causes,
         race=race,
         entries=(),

@@ -111,7 +111,7 @@ def causes_of_machine(
     effects = _Effects(readings, machine, postures)
     sliders, at = readings.sliders, legs(machine.geometry, postures)
     telescopic = machine.geometry.telescopic
-    part = "leg" if telescopic else "rail"
+    part = machine.geometry.part
     from_middle = sliders - middle
     if ways is None:
         ways = np.sign(np.diff(sliders, axis=0, prepend=sliders[:1] - 1.0))

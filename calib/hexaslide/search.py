@@ -426,7 +426,7 @@ def _space(procedure: Procedure, machine: HexaSlide, count: int, search: Search)
         )
     if search.space == "joints" and not np.isfinite(machine.travel_m).all():
         raise CalibrationError(
-            "search between the ends of the rails",
+            f"search between the ends of the {machine.geometry.part}s",
             "no travel_mm in the machine file",
             "travel_mm in every [[chain]]",
         )

@@ -72,7 +72,7 @@ def _search(best: BestPostures) -> str:
     where = "stand on a bound of the box"
     kind = "coordinates"
     if best.space == "joints":
-        where, kind = "stand at an end of their rails; the box was left out", "sliders"
+        where, kind = "stand at an end of their travel; the box was left out", "sliders"
     share = f"{100.0 * best.refined.on_bound / size:.0f} % of the {kind} {where}"
     if not best.values:
         return f"{share}. From {best.search.source}."

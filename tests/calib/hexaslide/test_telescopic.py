@@ -170,7 +170,7 @@ def test_a_drive_may_read_the_whole_length_of_its_leg() -> None:
     moved = machine.with_parameters(("l1",), np.array([-3e-4]))
     assert moved.geometry.links[0] == -3e-4
     assert moved.geometry.telescopic
-    with pytest.raises(CalibrationError):  # all starts at one point
+    with pytest.raises(CalibrationError, match="the first leg at"):  # all starts at one point
         with_values(geometry, parameters)
 
 

@@ -50,15 +50,14 @@ STEP = 1e-30
 class FramesApart:
     """Constant motions that lay one machine over the other, and what they leave.
 
-    ``turned_rad`` and ``shifted_m`` are those of the platform's frame, ``base_turned_rad`` and
-    ``base_shifted_m`` of the base. ``apart_m`` ``(p, 3)`` and ``angles_rad`` ``(p,)`` are movements
-    and angles left between the postures.
+    ``turned_rad`` and ``shifted_m`` are those of the platform's frame, ``base_turned_rad`` that of
+    the base. ``apart_m`` ``(p, 3)`` and ``angles_rad`` ``(p,)`` are movements and angles left
+    between the postures.
     """
 
     turned_rad: float
     shifted_m: float
     base_turned_rad: float
-    base_shifted_m: float
     apart_m: FloatArray
     angles_rad: FloatArray
 
@@ -248,7 +247,6 @@ def frames_apart(calibrated: FloatArray, true: FloatArray, free: tuple[str, ...]
         turned_rad=float(np.linalg.norm(total[:3])),
         shifted_m=float(np.linalg.norm(total[3:6])),
         base_turned_rad=float(np.linalg.norm(total[6:9])),
-        base_shifted_m=float(np.linalg.norm(total[9:])),
         apart_m=np.asarray(true[:, :3] - places),
         angles_rad=np.asarray(np.linalg.norm(angles, axis=1)),
     )

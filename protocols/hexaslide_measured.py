@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
+from protocols.dates import is_dated, measured_at
 from protocols.files import RECORD_START
 from protocols.hexaslide import HexaSlideMeasurements, read_measurements
 from protocols.machine_files import beginning_of
 
 
-def is_record(path: Path) -> bool:
-    """Whether a file begins as a record; False where it cannot be read."""
-    return beginning_of(path).startswith(RECORD_START)
+@dataclass(frozen=True, eq=False)
+class MeasuredFile:
+    """Measured postures by the ``name`` of their file: ``warnings`` tell that its record was cut or
+    is not closed, ``began`` when it was measured, None where no date is known.
+    """
+
+    name: str
+    source: HexaSlideMeasurements
+    warnings: tuple[str, ...] = ()
+    began: datetime | None = None
 
 
-def measured_in(path: Path) -> HexaSlideMeasurements:
+def measured_in(path: Path) -> MeasuredFile:
     """Measured postures of a session, or of a file in metres and radians that older programs and
     ``simulate`` write. Raises RecordError.
     """
-    if not is_record(path):
-        return read_measurements(path)
+    if not beginning_of(path).startswith(RECORD_START):
+        return MeasuredFile(path.name, read_measurements(path))
     # records load the machines that are read on their legs, which a file needs not
     from protocols.hexaslide_session import read_postures
 
-    return read_postures(path)[0].measurements()
+    session, record = read_postures(path)
+    began = measured_at(session.opened) if is_dated(session.opened) else None
+    warnings = (record.unfinished,) if record.unfinished else ()
+    return MeasuredFile(path.name, session.measurements(), warnings, began)

@@ -18,7 +18,6 @@ from app.planning.hexaslide import Request, hexaslide_planning, posture_table
 from calib.arrays import FloatArray
 from calib.errors import GlidecalError
 from calib.hexaslide.planning import (
-    KINDS,
     PUBLISHED_SETS,
     HexaSlideSeen,
     Scale,
@@ -85,7 +84,9 @@ class Studied:
 def kinds_of(request: Request) -> tuple[ProcedureKind, ...]:
     """The procedures that this machine allows: without a link none that uses it."""
     linked = load_hexaslide(request.machine_file).constraint_link is not None
-    return tuple(kind for kind in KINDS if linked or kind is not ProcedureKind.CONSTRAINT_LINK)
+    return tuple(
+        kind for kind in ProcedureKind if linked or kind is not ProcedureKind.CONSTRAINT_LINK
+    )
 
 
 def study(request: Request, effort: Effort) -> Studied:

@@ -9,7 +9,7 @@ from app.dialogue.person import Person
 from app.planning.hexaslide import Request, measuring
 from app.report.text import hexaslide as texts
 from calib.errors import UsageError
-from calib.hexaslide.planning import KINDS
+from calib.hexaslide.procedures import ProcedureKind
 
 MOST_POSTURES = 200
 
@@ -20,7 +20,7 @@ async def asked_request(person: Person, subject: str, request: Request) -> Reque
     An empty line in place of a machine file is the example H60.
     """
     if subject == "procedure":
-        kinds = [(kind, f"{kind}: {texts.PROCEDURE_WORDS[kind]}") for kind in KINDS]
+        kinds = [(kind, f"{kind}: {texts.PROCEDURE_WORDS[kind]}") for kind in ProcedureKind]
         kind = await person.choice(texts.WHICH_PROCEDURE, kinds)
         return replace(request, procedure=kind, measured=(), known=None) if kind else None
     if subject == "measured":

@@ -42,13 +42,16 @@ MOST_OFFERED = 8
 
 @dataclass(frozen=True, eq=False)
 class DiagnosedPostures:
-    """A diagnosis with the name of its session, and with the model that it was made beside."""
+    """A diagnosis with the name of its session, and with the model that it was made beside;
+    ``warnings`` are those of the session file.
+    """
 
     name: str
     source: HexaSlideMeasurements
     models: WeighedCauses
     diagnosis: HexaSlideDiagnosis
     model: HexaSlideModel | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def beside(self) -> tuple[AdoptedEffect, ...]:
@@ -79,11 +82,13 @@ def diagnose_postures(path: Path, model: Path | None = None) -> DiagnosedPosture
     Raises RecordError for a file, CalibrationError where postures give no result, UsageError for
     the model of another machine.
     """
-    source = measured_in(path)
+    file = measured_in(path)
+    source = file.source
     model_file = None if model is None else read_hexaslide_model(model)
     effects = () if model_file is None else effects_of(model_file, source, f"model {model}")
     models = beside_effects(source, source.readings(), effects)
-    return DiagnosedPostures(path.name, source, models, diagnosis_from(models), model_file)
+    diagnosis = diagnosis_from(models)
+    return DiagnosedPostures(file.name, source, models, diagnosis, model_file, file.warnings)
 
 
 def adopted(diagnosed: DiagnosedPostures, candidate: str | None) -> Adoption:
@@ -100,7 +105,8 @@ def adopted(diagnosed: DiagnosedPostures, candidate: str | None) -> Adoption:
     if nominal_correction is None or not with_names.entries:
         raise _refused(diagnosed, "the readings without the mistakes no longer show it")
     effects = (*models.resized(), *with_names.sizes_of(names))
-    adopted_models = beside_effects(source, models.stated_readings, effects)
+    stated_readings = models.readings.noisier(1.0 / models.noise_times)
+    adopted_models = beside_effects(source, stated_readings, effects)
     correction = correction_of(adopted_models, nominal)
     if correction is None:
         raise NotIdentifiable(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.evaluating.posture_history import Decision
@@ -33,9 +33,8 @@ from calib.hexaslide.planning import fewest_postures
 from calib.hexaslide.platform import PlatformError, platform_error
 from calib.hexaslide.residuals import Readings, postures_of
 from calib.stats import UNLIKELY
-from protocols.dates import is_dated, measured_at
 from protocols.hexaslide import HexaSlideMeasurements, read_truth
-from protocols.hexaslide_measured import is_record, measured_in
+from protocols.hexaslide_measured import MeasuredFile, measured_in
 from protocols.hexaslide_model import HexaSlideModel, read_hexaslide_model
 
 SHARE = 0.2
@@ -51,7 +50,7 @@ class CalibratedMachine(CheckedCalibration):
     then they are by the noise alone. ``left_out`` are the numbers of postures that the diagnosis
     names as mistakes, ``adopted`` effects of a model, with sizes that were fitted again: ``sizes``.
     ``p_beside`` is the p-value of what the likeliest causes leave, which `platform` counts; None
-    where no causes could be weighed.
+    where no causes could be weighed. ``warnings`` are those of the session file.
     """
 
     name: str
@@ -64,6 +63,7 @@ class CalibratedMachine(CheckedCalibration):
     adopted: tuple[AdoptedEffect, ...] = ()
     sizes: tuple[CauseSize, ...] = ()
     p_beside: float | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def fits(self) -> bool:
@@ -81,11 +81,12 @@ def calibrate_file(
     Raises RecordError for a file, CalibrationError where the postures give no result, UsageError
     for the model of another machine.
     """
-    source = measured_in(path)
+    file = measured_in(path)
     effects: tuple[AdoptedEffect, ...] = ()
     if model is not None:
-        effects = effects_of(read_hexaslide_model(model), source, f"model {model}")
-    return calibrated(path.name, source, share, truth, effects)
+        effects = effects_of(read_hexaslide_model(model), file.source, f"model {model}")
+    result = calibrated(file.name, file.source, share, truth, effects)
+    return replace(result, warnings=file.warnings)
 
 
 def calibrated(
@@ -285,7 +286,8 @@ class VerifiedMachine:
     """A session after the calibrated machine was entered, judged beside the one before.
 
     ``decision`` is None where no tolerance is known. ``same_machine`` tells that both sessions were
-    measured with one machine file: nothing was entered. ``remarks`` doubt their order.
+    measured with one machine file: nothing was entered. ``remarks`` doubt their order, ``warnings``
+    are those of the session files.
     """
 
     before: CalibratedMachine
@@ -294,17 +296,17 @@ class VerifiedMachine:
     decision: Decision | None
     same_machine: bool
     remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
-def sources_of_one_machine(
-    earlier_path: Path, later_path: Path
-) -> tuple[HexaSlideMeasurements, HexaSlideMeasurements]:
+def files_of_one_machine(earlier_path: Path, later_path: Path) -> tuple[MeasuredFile, MeasuredFile]:
     """What was read in two sessions.
 
     Raises RecordError for a file and for the same session twice, CalibrationError for sessions of
     different machines.
     """
-    sources = measured_in(earlier_path), measured_in(later_path)
+    files = measured_in(earlier_path), measured_in(later_path)
+    sources = [file.source for file in files]
     subject = f"sessions {earlier_path} and {later_path}"
     if sources[0].digest() == sources[1].digest():
         raise RecordError(subject, "the same postures", "two different sessions")
@@ -314,7 +316,7 @@ def sources_of_one_machine(
         raise CalibrationError(
             subject, f"different machines, {names[0]} and {names[1]}", "two sessions of one machine"
         )
-    return sources
+    return files
 
 
 def verify_sessions(
@@ -324,28 +326,22 @@ def verify_sessions(
 
     The tolerance is the stated one, else that of the later machine file, else of the earlier.
 
-    Raises UsageError for a tolerance that is no positive length, as `sources_of_one_machine`, and
+    Raises UsageError for a tolerance that is no positive length, as `files_of_one_machine`, and
     CalibrationError where a session gives no result.
     """
     check_tolerance(tolerance_mm)
-    pairs = zip(
-        (earlier_path, later_path), sources_of_one_machine(earlier_path, later_path), strict=True
-    )
-    earlier, later = (calibrated(path.name, source, 0.0) for path, source in pairs)
+    files = files_of_one_machine(earlier_path, later_path)
+    earlier, later = (calibrated(file.name, file.source, 0.0) for file in files)
     tolerances_mm = (session.source.machine.platform_tolerance_mm for session in (later, earlier))
     tolerance = tolerance_mm or next(filter(None, tolerances_mm), None)
     decision = None if tolerance is None else decided(later, tolerance)
     is_same = earlier.source.machine == later.source.machine
-    remarks = tuple(_order_remarks(earlier_path, later_path))
-    return VerifiedMachine(earlier, later, tolerance, decision, is_same, remarks)
+    remarks = tuple(_order_remarks(*files))
+    warnings = files[0].warnings + files[1].warnings
+    return VerifiedMachine(earlier, later, tolerance, decision, is_same, remarks, warnings)
 
 
-def _order_remarks(earlier_path: Path, later_path: Path) -> Iterator[str]:
+def _order_remarks(earlier: MeasuredFile, later: MeasuredFile) -> Iterator[str]:
     """Whether the later session was measured later, where both files tell."""
-    if not (is_record(earlier_path) and is_record(later_path)):
-        return
-    from protocols.hexaslide_session import read_postures  # as in `measured_in`
-
-    first, second = (read_postures(path)[0].opened for path in (earlier_path, later_path))
-    if is_dated(first) and is_dated(second) and measured_at(second) < measured_at(first):
-        yield f"{later_path.name} is older than {earlier_path.name}: is the order right?"
+    if earlier.began is not None and later.began is not None and later.began < earlier.began:
+        yield f"{later.name} is older than {earlier.name}: is the order right?"

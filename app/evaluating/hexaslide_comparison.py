@@ -7,8 +7,8 @@ from pathlib import Path
 
 from app.evaluating.hexaslide_calibration import (
     beside_effects,
+    files_of_one_machine,
     models_without_mistakes,
-    sources_of_one_machine,
 )
 from calib.arrays import FloatArray
 from calib.errors import NotIdentifiable
@@ -30,25 +30,25 @@ class ComparedSession:
 
 @dataclass(frozen=True, eq=False)
 class ComparedSessions:
-    """Two sessions of one machine, and how far that is apart between them."""
+    """Two sessions of one machine, and how far that is apart between them; ``warnings`` are those
+    of the session files.
+    """
 
     before: ComparedSession
     after: ComparedSession
     apart: MachinesApart
+    warnings: tuple[str, ...]
 
 
 def compare_postures(earlier_path: Path, later_path: Path) -> ComparedSessions:
-    """Raises as `sources_of_one_machine`, CalibrationError where a session gives no result."""
-    sources = sources_of_one_machine(earlier_path, later_path)
+    """Raises as `files_of_one_machine`, CalibrationError where a session gives no result."""
+    files = files_of_one_machine(earlier_path, later_path)
+    sources = [file.source for file in files]
     # a scale about another middle would be other parameters of the same machine
     middle = sum(source.readings().sliders.mean(axis=0) for source in sources) / len(sources)
-    first, second = (
-        _session(path.name, source, middle)
-        for path, source in zip((earlier_path, later_path), sources, strict=True)
-    )
-    return ComparedSessions(
-        first, second, apart(sources[0].machine.whole(), first.machine, second.machine)
-    )
+    first, second = (_session(file.name, file.source, middle) for file in files)
+    distance = apart(sources[0].machine.whole(), first.machine, second.machine)
+    return ComparedSessions(first, second, distance, files[0].warnings + files[1].warnings)
 
 
 def _session(name: str, source: HexaSlideMeasurements, middle: FloatArray) -> ComparedSession:

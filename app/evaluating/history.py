@@ -39,7 +39,7 @@ from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
 from protocols.session import Session
 
-RESULTS = 10
+RESULTS = 11
 """Number of the solver's results: it is raised when sessions give other ones, or an `Entry` says
 more. What the index remembers under another number is worked out again.
 """

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from app.machines.hexaslide_sessions import SESSIONS, ImportOptions, RunOptions, tell_unfinished
+from app.machines.hexaslide_sessions import SESSIONS, ImportOptions, RunOptions, tell_warnings
 from app.machines.options import (
     Answer,
     Family,
@@ -320,7 +320,7 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
     share = SHARE if options.held_out is None else options.held_out
     with working("Solving"):
         result = calibrate_file(files[0], options.truth, share, options.model)
-    tell_unfinished(files[0])
+    tell_warnings(result.warnings)
     if options.corrected is not None:
         from app.exports.hexaslide import calibrated_files, kinematics_words
 

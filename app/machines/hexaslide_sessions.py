@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import date
@@ -270,17 +271,10 @@ def _indicated(line: IndicatorLine) -> tuple[str, str]:
     return f"{outcome.value_mm:.10g}", outcome.text
 
 
-def tell_unfinished(*paths: Path) -> None:
-    """Say of each session that was cut or is not closed that it was, as of sessions of legs."""
-    from protocols.hexaslide_measured import is_record
-
-    records = [path for path in paths if is_record(path)]
-    if records:
-        from protocols.hexaslide_session import read_postures  # as in `measured_in`
-
-        for path in records:
-            if text := read_postures(path)[1].unfinished:
-                tell(f"glidecal: {text}")
+def tell_warnings(warnings: Sequence[str]) -> None:
+    """Say what session files warn of: that they were cut, or are not closed."""
+    for warning in warnings:
+        tell(f"glidecal: {warning}")
 
 
 def validated(path: Path) -> str:
@@ -326,7 +320,7 @@ def exported(path: Path, format_name: str) -> tuple[Contents, tuple[str, ...]]:
         raise UsageError("--format", f"{format_name} of a {NAME}", ", ".join(formats))
     with working("Solving"):
         result = calibrate_file(path, None, 0.0)
-    tell_unfinished(path)
+    tell_warnings(result.warnings)
     report = HexaSlideCalibrationReport.of(result)
     files, cautions = calibrated_files(result, None), tuple(caveats(report))
     if format_name == "model":
@@ -348,7 +342,7 @@ def verified(
 
     with working("Solving"):
         verification = verify_sessions(earlier_path, later_path, tolerance_mm)
-    tell_unfinished(earlier_path, later_path)
+    tell_warnings(verification.warnings)
     answer = Answer(
         lambda: verification_text(verification),
         lambda: HexaSlideVerificationReport.of(verification),
@@ -365,7 +359,7 @@ def diagnosed(path: Path, request: Diagnosing, say: Say) -> Answer:
     with working("Diagnosing"):
         diagnosis = diagnose_postures(path, request.model)
         adoption = adopted(diagnosis, request.candidate) if request.adopt else None
-    tell_unfinished(path)
+    tell_warnings(diagnosis.warnings)
     if adoption is not None and request.adopt is not None:
         write_model(adoption, request.adopt, replace=request.replace)
         say(f"model written: {request.adopt}")
@@ -393,7 +387,7 @@ def compared(earlier_path: Path, later_path: Path) -> Answer:
 
     with working("Solving"):
         comparison = compare_postures(earlier_path, later_path)
-    tell_unfinished(earlier_path, later_path)
+    tell_warnings(comparison.warnings)
     return Answer(
         lambda: comparison_text(comparison), lambda: HexaSlideComparisonReport.of(comparison)
     )

@@ -69,7 +69,6 @@ class Calibration:
     free_values: int
     square_sum: float | None
     steps: int
-    converged: bool
 
     @property
     def left_open(self) -> int:
@@ -106,8 +105,8 @@ class _Point:
 
 
 @dataclass(frozen=True, eq=False)
-class _SeenDirections:
-    """A design's singular values with what is below the rank cut off."""
+class SeenDirections:
+    """A design's singular values with what is below the rank cut off; ``null`` spans that."""
 
     left: FloatArray
     singular: FloatArray
@@ -115,12 +114,11 @@ class _SeenDirections:
     null: FloatArray
 
     @staticmethod
-    def of(design: FloatArray) -> _SeenDirections:
+    def of(design: FloatArray) -> SeenDirections:
+        """Directions that derivatives ``(n, k)`` tell."""
         left_vectors, singular, right = svd_of_all(design)
         rank = int((singular > EXACT_BLIND * singular[0]).sum())
-        return _SeenDirections(
-            left_vectors[:, :rank], singular[:rank], right[:rank], right[rank:].T
-        )
+        return SeenDirections(left_vectors[:, :rank], singular[:rank], right[:rank], right[rank:].T)
 
     def step(self, residual: FloatArray) -> FloatArray:
         """The shortest change ``(k,)`` that takes out most of a residual ``(n,)``."""
@@ -144,7 +142,7 @@ def calibrate(readings: Readings, start: HexaSlide, *, fewest: int = 1) -> Calib
     white = whitening(readings, start.geometry)
     first = point = _at(readings, start, white, None)
     for step_number in range(1, MOST_STEPS + 1):
-        step = _SeenDirections.of(point.design).step(point.residual)
+        step = SeenDirections.of(point.design).step(point.residual)
         moved = _rms(point.design @ step)
         last = moved <= max(SETTLED * _rms(point.residual), ROUNDING_M)
         point, full = _improved(readings, white, point, step, final=last)
@@ -198,7 +196,7 @@ def _improved(
 
 def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Calibration:
     names = readings.procedure.parameters
-    parts_seen = _SeenDirections.of(point.design)
+    parts_seen = SeenDirections.of(point.design)
     rank, count = len(parts_seen.singular), point.residual.size
     spare = count - rank
     square = float(point.residual @ point.residual)
@@ -229,7 +227,6 @@ def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Cal
         free_values=spare,
         square_sum=square / stated**2 if stated else None,
         steps=steps,
-        converged=True,
     )
 
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.arrays import FloatArray
-from calib.hexaslide.geometry import CHAINS, Geometry, HexaSlide, Legs, legs, rotation
+from calib.hexaslide.arms import Turn, transposed
+from calib.hexaslide.geometry import CHAINS, Geometry, HexaSlide, Legs, legs
 from calib.hexaslide.procedures import COMPONENTS
 from calib.hexaslide.residuals import Readings, postures_of, read_at
 
@@ -41,7 +42,8 @@ STEP = 1e-6
 class HexaSlideCause:
     """What may be missing: its effect on what is read, ``columns`` ``(n, r)`` per unremarkable
     size, on places ``(3 p, r)`` and on carriages ``(p, 6, r)``; ``names`` of its values, their
-    ``unit`` and its ``size``.
+    ``unit`` and its ``size``. ``share`` is its part of the prior of its name at its place: a
+    mistake may be of one value or of all.
     """
 
     id: str
@@ -52,6 +54,7 @@ class HexaSlideCause:
     columns: FloatArray
     places: FloatArray
     carriages: FloatArray
+    share: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -75,12 +78,20 @@ def mistake_at(readings: Readings, row: int) -> tuple[str, str]:
 def mistakes_of(
     readings: Readings, machine: HexaSlide, postures: FloatArray
 ) -> Iterator[HexaSlideCause]:
-    """Places may be measured in another frame, and every posture may be wrong."""
+    """Places may be measured in another frame, and every posture may be wrong: all of its values,
+    as of a target that slipped, or as likely one of them, as of a cell mistyped.
+    """
     effects = _Effects(readings, machine, postures)
     if {*COMPONENTS[:3]} <= {*readings.procedure.read}:
         yield effects.of_frame(postures)
+    values = range(len(readings.procedure.read))
+    wrong = [(tuple(values), 1.0)]
+    if len(values) > 1:
+        # as all values, each by at least 10 deviations, one that is off by 6 is hardly likely
+        wrong = [(tuple(values), 0.5), *(((k,), 0.5 / len(values)) for k in values)]
     for row in range(len(readings.sliders)):
-        yield effects.of_posture(row, *mistake_at(readings, row))
+        for columns, share in wrong:
+            yield effects.of_posture(row, columns, share, *mistake_at(readings, row))
 
 
 def causes_of_machine(
@@ -100,49 +111,40 @@ def causes_of_machine(
     effects = _Effects(readings, machine, postures)
     sliders, at = readings.sliders, legs(machine.geometry, postures)
     telescopic = machine.geometry.telescopic
-    part = "leg" if telescopic else "rail"
+    part = machine.geometry.part
     from_middle = sliders - middle
     if ways is None:
         ways = np.sign(np.diff(sliders, axis=0, prepend=sliders[:1] - 1.0))
     for k in range(CHAINS):
         of_rail, where = np.eye(CHAINS)[k], f"{part} {k + 1}"
-        yield effects.of_sliders(
-            f"{part}_scale", where, ("scale",), "mm/m", UNIT_SCALE, 1e3, [from_middle * of_rail]
-        )
-        yield effects.of_sliders(
-            *("leg_backlash" if telescopic else "backlash", where, ("play",), "mm"),
-            *(UNIT_LENGTH_M, 1e3, [-0.5 * ways * of_rail]),
-        )
+        scale, play = [from_middle * of_rail], [-0.5 * ways * of_rail]
+        yield effects.of_sliders(f"{part}_scale", where, ("scale",), "mm/m", UNIT_SCALE, scale)
+        id_of_play = "leg_backlash" if telescopic else "backlash"
+        yield effects.of_sliders(id_of_play, where, ("play",), "mm", UNIT_LENGTH_M, play)
         if not telescopic:
             yield from _of_rail(effects, machine.geometry, at, from_middle, k)
         if lead_m is not None:
             angle = 2.0 * np.pi * sliders / lead_m
             waves = [np.sin(angle) * of_rail, np.cos(angle) * of_rail]
-            yield effects.of_sliders(
-                f"{part}_wave", where, ("sine", "cosine"), "mm", UNIT_WAVE_M, 1e3, waves
-            )
+            names = ("sine", "cosine")
+            yield effects.of_sliders(f"{part}_wave", where, names, "mm", UNIT_WAVE_M, waves)
     time = np.linspace(0.0, 1.0, len(sliders))[:, None]
-    growing = at.lean if telescopic else sliders
-    yield effects.of_sliders(
-        "thermal_growth", f"all {part}s", ("growth",), "mm/m", UNIT_GROWTH, 1e3, [time * growing]
-    )
+    growth = [time * (at.lean if telescopic else sliders)]
+    where = f"all {part}s"
+    yield effects.of_sliders("thermal_growth", where, ("growth",), "mm/m", UNIT_GROWTH, growth)
 
 
 def _of_rail(
     effects: _Effects, geometry: Geometry, at: Legs, from_middle: FloatArray, k: int
 ) -> Iterator[HexaSlideCause]:
     """What only a rail and the joint on its carriage can have."""
-    of_rail, where = np.eye(CHAINS)[k], f"rail {k + 1}"
-    unit = at.arms.unit
-    across = np.linalg.norm(unit - geometry.rails, axis=-1)
-    yield effects.of_sliders(
-        "joint_offset", where, ("offset",), "mm", UNIT_LENGTH_M, 1e3, [across * of_rail]
-    )
+    of_rail, where, unit = np.eye(CHAINS)[k], f"rail {k + 1}", at.arms.unit
+    across = [np.linalg.norm(unit - geometry.rails, axis=-1) * of_rail]
+    yield effects.of_sliders("joint_offset", where, ("offset",), "mm", UNIT_LENGTH_M, across)
     bow = (from_middle / BOW_M) ** 2
-    yield effects.of_sliders(
-        *("straightness", where, ("side 1", "side 2"), "mm", UNIT_LENGTH_M, 1e3),
-        [bow * (unit[:, k] @ side)[:, None] * of_rail for side in _sides(geometry, k)],
-    )
+    bows = [bow * (unit[:, k] @ side)[:, None] * of_rail for side in _sides(geometry, k)]
+    names = ("side 1", "side 2")
+    yield effects.of_sliders("straightness", where, names, "mm", UNIT_LENGTH_M, bows)
 
 
 class _Effects:
@@ -169,12 +171,9 @@ class _Effects:
         names: tuple[str, ...],
         unit: str,
         size: float,
-        shown: float,
         sliders: list[FloatArray],
     ) -> HexaSlideCause:
-        """Carriages off by these ``(p, 6)`` per 1; ``size`` is unremarkable, in 1 are ``shown``
-        units.
-        """
+        """Carriages off by ``sliders`` ``(p, 6)`` per 1, 1000 units; ``size`` is unremarkable."""
         moved = [np.einsum("pij,pj->pi", self._moved, change) * size for change in sliders]
         whitened = [
             np.einsum("pri,pi->pr", self._by_posture, change) / self._noise for change in moved
@@ -182,39 +181,49 @@ class _Effects:
         columns = np.stack([change.ravel() for change in whitened], axis=1)
         places = np.stack([change[:, :3].ravel() for change in moved], axis=1)
         carriages = size * np.stack(sliders, axis=-1)
-        return HexaSlideCause(cause, where, names, unit, size * shown, columns, places, carriages)
+        return HexaSlideCause(cause, where, names, unit, size * 1e3, columns, places, carriages)
 
     def of_frame(self, postures: FloatArray) -> HexaSlideCause:
-        """What was measured lies in another frame than the machine: nothing moves. Parameters take
-        over a turn about X.
+        """What was measured lies in another frame than the machine. Parameters take over a turn
+        about X.
         """
-        shifts, turns = np.eye(3), np.eye(3)[1:]
-        angles = postures[:, 3:] * np.array([[[0, 0, 0]], [[1, 0, 0]], [[1, 1, 0]]])
-        axes = [rotation(part)[..., k] for part, k in zip(angles, (1, 0, 2), strict=True)]
-        rates = np.linalg.solve(np.stack(axes, axis=-1), turns.T)
+        turns = np.eye(3)[1:]
         moved = np.zeros((self._count, len(COMPONENTS), 5))
-        moved[:, :3, :3] = shifts
+        moved[:, :3, :3] = np.eye(3)
         moved[:, :3, 3:] = np.cross(turns, postures[:, None, :3]).swapaxes(1, 2)
-        moved[:, 3:, 3:] = rates
-        columns = (self._by_posture @ moved / self._noise[:, None]).reshape(-1, 5) * UNIT_FRAME_M
-        places, still = np.zeros((3 * self._count, 5)), np.zeros((self._count, CHAINS, 5))
-        names = (
-            *(f"{name} off" for name in COMPONENTS[:3]),
-            "Y turned, in 1 m",
-            "Z turned, in 1 m",
-        )
+        moved[:, 3:, 3:] = np.linalg.solve(transposed(Turn.at(postures[:, 3:]).axes), turns.T)
+        columns = self._by_posture @ moved / self._noise[:, None] * UNIT_FRAME_M
+        shifts = tuple(f"{name} off" for name in COMPONENTS[:3])
+        names = (*shifts, "Y turned, in 1 m", "Z turned, in 1 m")
         size = 1e3 * UNIT_FRAME_M
-        return HexaSlideCause(FRAME, "all postures", names, "mm", size, columns, places, still)
+        return self._still(FRAME, "all postures", names, "mm", size, columns, 1.0)
 
-    def of_posture(self, row: int, cause: str, where: str) -> HexaSlideCause:
-        """All values of a posture wrong: a mistake, which moves nothing."""
-        columns = np.zeros((self._count, len(self._noise), len(self._noise)))
-        columns[row] = UNIT_OF_NOISE * np.eye(len(self._noise))
-        flat = columns.reshape(-1, len(self._noise))
-        places = np.zeros((3 * self._count, flat.shape[1]))
-        names = tuple(f"{name} off" for name in self._names)
-        still = np.zeros((self._count, CHAINS, flat.shape[1]))
-        return HexaSlideCause(cause, where, names, "noise", UNIT_OF_NOISE, flat, places, still)
+    def of_posture(
+        self, row: int, wrong: tuple[int, ...], share: float, cause: str, where: str
+    ) -> HexaSlideCause:
+        """These values of a posture wrong."""
+        columns = np.zeros((self._count, len(self._noise), len(wrong)))
+        columns[row, wrong, range(len(wrong))] = UNIT_OF_NOISE
+        names = tuple(f"{self._names[k]} off" for k in wrong)
+        return self._still(cause, where, names, "noise", UNIT_OF_NOISE, columns, share)
+
+    def _still(
+        self,
+        cause: str,
+        where: str,
+        names: tuple[str, ...],
+        unit: str,
+        size: float,
+        columns: FloatArray,
+        share: float,
+    ) -> HexaSlideCause:
+        """A cause that moves nothing, with its effect on what is read ``(p, m, r)``."""
+        flat, carriages = (
+            columns.reshape(-1, len(names)),
+            np.zeros((self._count, CHAINS, len(names))),
+        )
+        places = np.zeros((3 * self._count, len(names)))
+        return HexaSlideCause(cause, where, names, unit, size, flat, places, carriages, share)
 
 
 def _sides(geometry: Geometry, chain: int) -> tuple[FloatArray, FloatArray]:

@@ -7,6 +7,7 @@ all that belongs to it, measures the same where these are not seen. That is no e
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -49,15 +50,14 @@ STEP = 1e-30
 class FramesApart:
     """Constant motions that lay one machine over the other, and what they leave.
 
-    ``turned_rad`` and ``shifted_m`` are those of the platform's frame, ``base_turned_rad`` and
-    ``base_shifted_m`` of the base. ``apart_m`` ``(p, 3)`` and ``angles_rad`` ``(p,)`` are movements
-    and angles left between the postures.
+    ``turned_rad`` and ``shifted_m`` are those of the platform's frame, ``base_turned_rad`` that of
+    the base. ``apart_m`` ``(p, 3)`` and ``angles_rad`` ``(p,)`` are movements and angles left
+    between the postures.
     """
 
     turned_rad: float
     shifted_m: float
     base_turned_rad: float
-    base_shifted_m: float
     apart_m: FloatArray
     angles_rad: FloatArray
 
@@ -127,10 +127,12 @@ def lengths_alone(calibration: Calibration) -> KnownValues:
     """`inner_lengths` ``(26,)``, m, by the noise alone; without it where more is open than frames:
     what is left as it was is not known.
     """
-    lengths_m = np.asarray(inner_lengths(calibration.machine.geometry))
+    geometry = calibration.machine.geometry
+    lengths_m = np.asarray(inner_lengths(geometry))
     if calibration.left_open:
         return KnownValues(lengths_m, None, None)
-    return _by_noise(calibration, length_slopes(calibration), lengths_m)
+    slopes = length_slopes(geometry, calibration.names)
+    return _by_noise(calibration, slopes, lengths_m)
 
 
 def _by_noise(calibration: Calibration, slopes: FloatArray, values: FloatArray) -> KnownValues:
@@ -245,7 +247,6 @@ def frames_apart(calibrated: FloatArray, true: FloatArray, free: tuple[str, ...]
         turned_rad=float(np.linalg.norm(total[:3])),
         shifted_m=float(np.linalg.norm(total[3:6])),
         base_turned_rad=float(np.linalg.norm(total[6:9])),
-        base_shifted_m=float(np.linalg.norm(total[9:])),
         apart_m=np.asarray(true[:, :3] - places),
         angles_rad=np.asarray(np.linalg.norm(angles, axis=1)),
     )
@@ -275,9 +276,6 @@ def _about(vector: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
-LENGTHS = 26
-
-
 def inner_lengths(geometry: Geometry) -> Numbers:
     """Lengths that no choice of frames changes ``(26,)`` in metres: between the joints of the
     platform (15, in the order of `PAIRS`), from the first rail's start to the other five, six
@@ -290,20 +288,9 @@ def inner_lengths(geometry: Geometry) -> Numbers:
     return np.concatenate([between, starts, geometry.links])
 
 
-def length_slopes(calibration: Calibration) -> FloatArray:
-    """Derivatives of `inner_lengths` by the calibrated parameters ``(26, k)``, 0 by a link's."""
-    names = calibration.machine.geometry.names
-    slopes = np.zeros((LENGTHS, len(calibration.names)))
-    all_slopes = inner_slopes(calibration.machine.geometry)
-    slopes[:, : len(names)] = all_slopes[:, [NAMES.index(name) for name in names]]
-    return slopes
-
-
-def inner_slopes(geometry: Geometry) -> FloatArray:
-    """Derivatives of `inner_lengths` by the 49 parameters ``(26, 49)``."""
-    parameter_values = values(geometry)
-    columns = [
-        inner_lengths(with_values(geometry, parameter_values + 1j * STEP * unit)).imag / STEP
-        for unit in np.eye(len(parameter_values))
-    ]
-    return np.stack(columns, axis=1)
+def length_slopes(geometry: Geometry, names: Sequence[str]) -> FloatArray:
+    """Derivatives ``(26, k)`` of `inner_lengths` by these parameters, 0 by those of a link."""
+    here, order = values(geometry), np.array(NAMES)
+    steps = (1j * STEP * (order == name) for name in names)
+    slopes = [inner_lengths(with_values(geometry, here + step)).imag / STEP for step in steps]
+    return np.stack(slopes, axis=1)

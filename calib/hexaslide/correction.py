@@ -21,9 +21,6 @@ from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
 from calib.stats import COVERAGE, mixture_uncertainties, root_quantile
 
-LEAST_WEIGHT = 1e-5
-"""Models of less weight change nothing that could be entered."""
-
 IMITATED_AT = 400
 """So many places, of the seed of this number, show what parameters can imitate."""
 
@@ -53,7 +50,6 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
     """
     if not models.entries:
         return None
-    models = models.usual(LEAST_WEIGHT)
     calibrated = models.calibration
     machine, names, free = calibrated.machine, calibrated.names, calibrated.laid_over
     along, by_axes = models.directions, models.directions / models.sizes
@@ -124,8 +120,9 @@ def lengths_of(models: WeighedCauses) -> KnownValues:
     calibrated = models.calibration
     if calibrated.left_open:
         return lengths_alone(calibrated)
-    lengths_m = np.asarray(inner_lengths(calibrated.machine.geometry))
-    return known_of(models, length_slopes(calibrated), lengths_m)
+    geometry = calibrated.machine.geometry
+    slopes = length_slopes(geometry, calibrated.names)
+    return known_of(models, slopes, np.asarray(inner_lengths(geometry)))
 
 
 def moved_by(models: WeighedCauses, places: Places) -> FloatArray:

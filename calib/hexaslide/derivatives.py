@@ -345,7 +345,7 @@ def _inverse(by_posture: Numbers, postures: Numbers) -> Numbers:
         f"posture {words(postures[int(loose.argmax())])}",
         "a singular one",
         "postures at which the sliders hold the platform",
-        "Choose another box, or check the joints and rails of the geometry.",
+        "Choose another box, or check the geometry.",
     )
 
 

@@ -8,16 +8,17 @@ three.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
 
-from calib.arrays import EXACT_BLIND, FloatArray, IntArray, svd_of_all, without
+from calib.arrays import FloatArray, IntArray, without
 from calib.diagnosis.thresholds import AGREED, OPEN, SURE
 from calib.errors import NotIdentifiable
-from calib.hexaslide.calibration import Calibration, calibrate
+from calib.hexaslide.calibration import Calibration, SeenDirections, calibrate
 from calib.hexaslide.causes import (
     MISTAKE,
     AdoptedEffect,
@@ -33,7 +34,7 @@ from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings, postures_of, residuals
 from calib.posterior.gaussian import About
-from calib.posterior.race import ADOPTED, Products, Race, RaceEntry
+from calib.posterior.race import ADOPTED, LIGHTEST, Products, Race, RaceEntry
 from calib.quantity import Quantity
 from calib.stats import UNLIKELY, variance_ratio_p_value
 
@@ -45,6 +46,10 @@ SETTLED = 1.01
 
 MOST_LARGER = 20
 """Steps to such a noise, each to what the one before leaves."""
+
+FAINTEST = 1e-6
+"""Models of more weight count in claims: the thousands between this and `LIGHTEST` have 1 or 2 %
+together, and a small cause is often among them."""
 
 Names = tuple[tuple[str, str], ...]
 """Ids of causes with their places, sorted."""
@@ -103,7 +108,8 @@ class HexaSlideDiagnosis:
 @dataclass(frozen=True, eq=False)
 class WeighedCauses:
     """Models of what may be missing, weighed: ``entries`` the heaviest first, none where too few
-    readings are ``spare``.
+    readings are ``spare``. ``weights_of_names`` are those of every set of causes, lighter models
+    with them, the heaviest first, together 1.
 
     ``base`` ``(n, k)`` are derivatives by the parameters in ``tolerances`` ``(k,)``, ``whitened``
     ``(n,)`` what the ``calibration`` machine leaves, both in the noise. Its singular values
@@ -134,6 +140,7 @@ class WeighedCauses:
     causes: tuple[HexaSlideCause, ...]
     race: Race
     entries: tuple[RaceEntry, ...]
+    weights_of_names: Mapping[Names, float]
     adopted: tuple[AdoptedEffect, ...]
     stated: FloatArray
     free: RaceEntry
@@ -152,11 +159,7 @@ class WeighedCauses:
     @property
     def weights(self) -> FloatArray:
         """Weights of the entries, together 1; none without any."""
-        if not self.entries:
-            return np.zeros(0)
-        logs = np.array([entry.log_weight for entry in self.entries])
-        weights = np.exp(logs - logs.max())
-        return np.asarray(weights / weights.sum())
+        return _weights(self.entries)
 
     @property
     def log_evidence(self) -> float:
@@ -177,17 +180,22 @@ class WeighedCauses:
         """Mean ``(r,)`` and covariance ``(r, r)`` of a model's values, in unremarkable sizes; of
         adopted effects what they differ by from ``stated``.
         """
-        return _sizes(self.race, entry)
+        index = self.index(entry)
+        scale = np.repeat(entry.scales, [len(self.race.columns[k]) for k in entry.members])
+        inner = self.race.products.inner[np.ix_(index, index)] + np.diag(scale**-2.0)
+        covariance = np.asarray(np.linalg.inv(inner), dtype=np.float64)
+        return np.asarray(covariance @ self.race.products.along[index]), covariance
 
     def mean_square(self, entry: RaceEntry) -> tuple[float, float]:
-        """What parameters and a model leave, in variances of the stated noise, and its p-value."""
+        """What parameters and a model leave, in variances of the stated noise, and its p-value; 0
+        and 1 where nothing is over.
+        """
+        if self.spare < 1:
+            return 0.0, 1.0
         remainder = self.whitened - self.columns(entry) @ self.values(entry)[0]
-        return _mean_square(self.noise_times * remainder, self.axes, self.spare)
-
-    @property
-    def stated_readings(self) -> Readings:
-        """The readings with the stated noise."""
-        return self.readings.noisier(1.0 / self.noise_times)
+        remainder = without(self.axes, self.noise_times * remainder)
+        ratio = float(remainder @ remainder) / self.spare
+        return ratio, variance_ratio_p_value(ratio, self.spare, np.inf)
 
     @property
     def excess(self) -> float:
@@ -197,7 +205,7 @@ class WeighedCauses:
     def names(self, entry: RaceEntry) -> Names:
         """What a model has beside adopted effects."""
         members = (self.causes[k] for k in entry.members if k not in self.free.members)
-        return tuple(sorted((cause.id, cause.where) for cause in members))
+        return tuple(sorted({(cause.id, cause.where) for cause in members}))
 
     @property
     def given_way(self) -> FloatArray:
@@ -216,16 +224,11 @@ class WeighedCauses:
 
     def likely(self) -> dict[tuple[str, str], float]:
         """Causes with the weight of all models that have them, the likeliest first."""
-        weights: dict[tuple[str, str], float] = {}
-        for entry, weight in zip(self.entries, self.weights.tolist(), strict=True):
-            for name in self.names(entry):
-                weights[name] = weights.get(name, 0.0) + weight
-        return dict(sorted(weights.items(), key=lambda item: (-item[1], item[0])))
-
-    def usual(self, least: float) -> WeighedCauses:
-        """Only models of more weight than ``least``."""
-        pairs = zip(self.entries, self.weights.tolist(), strict=True)
-        return replace(self, entries=tuple(entry for entry, weight in pairs if weight > least))
+        likely: dict[tuple[str, str], float] = {}
+        for names, weight in self.weights_of_names.items():
+            for name in names:
+                likely[name] = likely.get(name, 0.0) + weight
+        return dict(sorted(likely.items(), key=lambda item: (-item[1], item[0])))
 
     def given(self, names: Names) -> WeighedCauses:
         """Only models that have these names, perhaps none."""
@@ -235,10 +238,13 @@ class WeighedCauses:
     def sizes_of(self, names: Names) -> tuple[AdoptedEffect, ...]:
         """Causes that all entries have, with their sizes as all of them weigh these."""
         effects, weights = [], self.weights
-        means_of = [dict(self._values_of(entry)) for entry in self.entries]
+        values_of = [
+            {(cause.id, cause.where): values for cause, *values in self.by_cause(entry)}
+            for entry in self.entries
+        ]
         for name in names:
             cause = next(cause for cause in self.causes if (cause.id, cause.where) == name)
-            means, variances = np.moveaxis(np.array([means[name] for means in means_of]), 1, 0)
+            means, variances = np.moveaxis(np.array([values[name] for values in values_of]), 1, 0)
             mean = weights @ means
             deviations = np.sqrt(weights @ (variances + means**2) - mean**2)
             sizes = ((cause.size * part).tolist() for part in (mean, deviations))
@@ -254,16 +260,15 @@ class WeighedCauses:
         sizes = {(effect.id, effect.where): effect for effect in self.sizes_of(loose)}
         return tuple(sizes.get((effect.id, effect.where), effect) for effect in self.adopted)
 
-    def _values_of(
-        self, entry: RaceEntry
-    ) -> Iterator[tuple[tuple[str, str], tuple[FloatArray, FloatArray]]]:
-        """Whole sizes and variances of each cause of a model."""
+    def by_cause(self, entry: RaceEntry) -> Iterator[tuple[HexaSlideCause, FloatArray, FloatArray]]:
+        """The causes of a model, each with whole sizes and their variances ``(r,)``."""
         mean, covariance = self.values(entry)
         mean, variance = mean + self.stated[self.index(entry)], covariance.diagonal()
         ends = np.cumsum([len(self.race.columns[k]) for k in entry.members], dtype=np.intp)
-        parts = zip(np.split(mean, ends)[:-1], np.split(variance, ends)[:-1], strict=True)
-        for k, part in zip(entry.members, parts, strict=True):
-            yield (self.causes[k].id, self.causes[k].where), part
+        causes = (self.causes[k] for k in entry.members)
+        yield from zip(
+            causes, np.split(mean, ends)[:-1], np.split(variance, ends)[:-1], strict=True
+        )
 
 
 def weighed(
@@ -330,8 +335,7 @@ def _weighed(
     base = (slopes / noise[:, None]).reshape(residual.values.size, -1) * tolerances
     expected = (nominal.parameters(names) - machine.parameters(names)) / tolerances
     whitened = (residual.values / noise).ravel()
-    axes, sizes, directions = svd_of_all(base)
-    rank = int((sizes > EXACT_BLIND * sizes[0]).sum())
+    seen = SeenDirections.of(base)
     of_machine = causes_of_machine(readings, machine, postures, lead_m, middle)
     causes = (*of_machine, *mistakes_of(readings, machine, postures))
     race = _race(About.of(base, whitened, expected), causes, len(whitened))
@@ -352,12 +356,13 @@ def _weighed(
         expected=expected,
         base=base,
         whitened=whitened,
-        axes=axes[:, :rank],
-        sizes=sizes[:rank],
-        directions=np.asarray(directions[:rank].T),
+        axes=seen.left,
+        sizes=seen.singular,
+        directions=seen.right.T,
         causes=causes,
         race=race,
         entries=(),
+        weights_of_names={},
         adopted=tuple(adopted),
         stated=np.concatenate(stated),
         free=RaceEntry(members, scales, 0.0),
@@ -365,7 +370,24 @@ def _weighed(
     if models.spare < FEWEST_SPARE:
         return models
     looked_for = [k for k, effect in enumerate(places) if effect is None]
-    return replace(models, entries=tuple(_entries(race, models.free, looked_for)))
+    entries = tuple(_entries(race, models.free, looked_for))
+    weights, weights_of_names = _weights(entries), dict[Names, float]()
+    for entry, weight in zip(entries, weights.tolist(), strict=True):
+        names_of_entry = models.names(entry)
+        weights_of_names[names_of_entry] = weights_of_names.get(names_of_entry, 0.0) + weight
+    heaviest_first = sorted(weights_of_names.items(), key=lambda item: (-item[1], item[0]))
+    return replace(
+        models,
+        entries=entries[: int((weights > LIGHTEST).sum())],
+        weights_of_names=dict(heaviest_first),
+    )
+
+
+def _weights(entries: Sequence[RaceEntry]) -> FloatArray:
+    """Weights of models ``(n,)``, together 1."""
+    logs = np.array([entry.log_weight for entry in entries])
+    weights = np.exp(logs - logs.max(initial=-math.inf))
+    return np.asarray(weights / weights.sum())
 
 
 def _entries(race: Race, free: RaceEntry, looked_for: Sequence[int]) -> Iterator[RaceEntry]:
@@ -379,56 +401,44 @@ def _entries(race: Race, free: RaceEntry, looked_for: Sequence[int]) -> Iterator
         products.square - float(taken.along @ taken.along),
     )
     columns, prior = [race.columns[k] for k in looked_for], race.log_prior[[*looked_for]]
-    for entry in replace(race, products=beside, columns=columns, log_prior=prior).run():
+    for entry in replace(race, products=beside, columns=columns, log_prior=prior).run(FAINTEST):
         members = tuple(looked_for[k] for k in entry.members)
         yield RaceEntry((*members, *free.members), (*entry.scales, *free.scales), entry.log_weight)
-
-
-def diagnosed(
-    readings: Readings, nominal: HexaSlide, tolerances: FloatArray, lead_m: float | None = None
-) -> HexaSlideDiagnosis:
-    """`diagnosis_from` of `weighed`, and raises as that."""
-    return diagnosis_from(weighed(readings, nominal, tolerances, lead_m))
 
 
 def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
     """Names, sizes and the gap, from the weights."""
     readings, entries = models.readings, models.entries
-    gap = models.mean_square(models.free)
-    result = HexaSlideDiagnosis(
-        verdict="cannot-tell",
-        named=(),
-        claims=(),
-        sizes=(),
-        platform_m=0.0,
-        gap_before=gap[0],
-        p_before=gap[1],
-        gap_after=gap[0],
-        p_after=gap[1],
-        spare=models.spare,
-        unidentifiable=models.calibration.unidentifiable,
+    before = after = models.mean_square(models.free)
+    verdict: Verdict = "cannot-tell"
+    sizes: tuple[CauseSize, ...] = ()
+    platform_m = 0.0
+    sure_claims = tuple(
+        HexaSlideClaim((cause,), weight)
+        for cause, weight in sorted(models.likely().items())
+        if weight >= SURE
     )
-    if not entries:
-        return result
-    weights = _weights(models)
-    sure_claims = _sure(weights)
-    claims = _claims(weights)
-    heaviest_names = (
-        tuple(sorted(cause for claim in sure_claims for cause in claim.causes)) or claims[0].causes
-    )
-    best = next((entry for entry in entries if models.names(entry) == heaviest_names), entries[0])
-    mean, covariance = models.values(best)
-    mean = mean + models.stated[models.index(best)]
-    after = models.mean_square(best)
-    return replace(
-        result,
-        verdict=_verdict(weights, sure_claims, after[1]),
+    claims = tuple(_claims(models.weights_of_names))
+    if entries:
+        sure_names = tuple(sorted(cause for claim in sure_claims for cause in claim.causes))
+        names = sure_names or claims[0].causes
+        best = next((entry for entry in entries if models.names(entry) == names), entries[0])
+        after = models.mean_square(best)
+        verdict = _verdict(models.weights_of_names, sure_claims, after[1])
+        sizes = tuple(_cause_sizes(models, best))
+        platform_m = _at_platform(models, best)
+    return HexaSlideDiagnosis(
+        verdict=verdict,
         named=sure_claims,
         claims=claims,
-        sizes=tuple(_cause_sizes(best, models.causes, mean, covariance)),
-        platform_m=_at_platform(models, best, mean),
+        sizes=sizes,
+        platform_m=platform_m,
+        gap_before=before[0],
+        p_before=before[1],
         gap_after=after[0],
         p_after=after[1],
+        spare=models.spare,
+        unidentifiable=models.calibration.unidentifiable,
         wrong_postures=tuple(
             readings.number(row)
             for row in range(len(readings.sliders))
@@ -443,56 +453,24 @@ def _race(about: About, causes: tuple[HexaSlideCause, ...], free: int) -> Race:
     widths = [cause.columns.shape[1] for cause in causes]
     starts = np.cumsum([0, *widths[:-1]])
     index = [np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)]
-    kinds = [cause.id for cause in causes]
+    places = Counter(name for name, _ in {(cause.id, cause.where) for cause in causes})
     # each kind is as likely, and so is each of its places
-    prior = [-math.log(len(set(kinds)) * kinds.count(kind)) for kind in kinds]
+    prior = [math.log(cause.share / (len(places) * places[cause.id])) for cause in causes]
     return Race(products, index, np.array(prior), free, math.inf)
 
 
-def _mean_square(whitened: FloatArray, directions: FloatArray, spare: int) -> tuple[float, float]:
-    """What parameters leave of residuals ``(n,)``, with ``directions`` ``(n, rank)`` of theirs: the
-    mean square in variances of the noise and its p-value; 0 and 1 where nothing is over.
-    """
-    if spare < 1:
-        return 0.0, 1.0
-    remainder = without(directions, whitened)
-    ratio = float(remainder @ remainder) / spare
-    return ratio, variance_ratio_p_value(ratio, spare, np.inf)
-
-
-def _weights(models: WeighedCauses) -> dict[Names, float]:
-    """Weights of every set of causes, summed over scales; together 1."""
-    weights: dict[Names, float] = {}
-    for entry, weight in zip(models.entries, models.weights.tolist(), strict=True):
-        names = models.names(entry)
-        weights[names] = weights.get(names, 0.0) + weight
-    return weights
-
-
-def _sure(weights: dict[Names, float]) -> tuple[HexaSlideClaim, ...]:
-    """Causes that nearly all models have, whatever else these have."""
-    causes_listed = sorted({cause for names in weights for cause in names})
-    sums = {
-        cause: sum(w for names, w in weights.items() if cause in names) for cause in causes_listed
-    }
-    return tuple(
-        HexaSlideClaim((cause,), sums[cause]) for cause in causes_listed if sums[cause] >= SURE
-    )
-
-
-def _claims(weights: dict[Names, float]) -> tuple[HexaSlideClaim, ...]:
+def _claims(weights: Mapping[Names, float]) -> Iterator[HexaSlideClaim]:
     """The heaviest first, until little is left out."""
-    so_far, claims = 0.0, []
-    for names, weight in sorted(weights.items(), key=lambda item: (-item[1], item[0])):
-        claims.append(HexaSlideClaim(names, weight))
-        so_far += weight
-        if so_far >= 1.0 - OPEN:
+    missed = 1.0
+    for names, weight in weights.items():
+        yield HexaSlideClaim(names, weight)
+        missed -= weight
+        if missed <= OPEN:
             break
-    return tuple(claims)
 
 
 def _verdict(
-    weights: dict[Names, float], sure_claims: tuple[HexaSlideClaim, ...], p_after: float
+    weights: Mapping[Names, float], sure_claims: tuple[HexaSlideClaim, ...], p_after: float
 ) -> Verdict:
     """The verdict by the constants of `calib.diagnosis.thresholds`."""
     if p_after < UNLIKELY:
@@ -502,36 +480,21 @@ def _verdict(
     return "explained" if sure_claims else "ambiguous"
 
 
-def _sizes(race: Race, entry: RaceEntry) -> tuple[FloatArray, FloatArray]:
-    """Mean ``(r,)`` and covariance ``(r, r)`` of a model's values, in unremarkable sizes."""
-    if not entry.members:
-        return np.zeros(0), np.zeros((0, 0))
-    index = np.concatenate([race.columns[k] for k in entry.members])
-    widths = [len(race.columns[k]) for k in entry.members]
-    scale = np.repeat(entry.scales, widths)
-    inner = race.products.inner[np.ix_(index, index)] + np.diag(scale**-2.0)
-    covariance = np.linalg.inv(inner)
-    return np.asarray(covariance @ race.products.along[index]), covariance
-
-
-def _cause_sizes(
-    entry: RaceEntry, causes: tuple[HexaSlideCause, ...], mean: FloatArray, covariance: FloatArray
-) -> Iterator[CauseSize]:
-    values = iter(zip(mean.tolist(), np.sqrt(covariance.diagonal()).tolist(), strict=True))
-    for k in entry.members:
-        cause = causes[k]
-        for name in cause.names:
-            value, deviation = next(values)
+def _cause_sizes(models: WeighedCauses, entry: RaceEntry) -> Iterator[CauseSize]:
+    for cause, values, variances in models.by_cause(entry):
+        rows = zip(cause.names, values.tolist(), np.sqrt(variances).tolist(), strict=True)
+        for name, value, deviation in rows:
             label = f"{cause.where}, {name}"
             yield CauseSize(label, cause.size * value, cause.size * deviation, cause.unit)
 
 
-def _at_platform(models: WeighedCauses, entry: RaceEntry, mean: FloatArray) -> float:
+def _at_platform(models: WeighedCauses, entry: RaceEntry) -> float:
     """R.m.s. movement of the platform's origin by a model that no parameter takes over, metres."""
     if not entry.members:
         return 0.0
     machine = models.calibration.machine
     postures = postures_of(models.readings, machine)
+    mean = models.values(entry)[0] + models.stated[models.index(entry)]
     shift = np.hstack([models.causes[k].places for k in entry.members]) @ mean
     forward = Procedure.of(ProcedureKind.POSE_FORWARD).on(machine)
     derivatives = jacobian(forward, machine.geometry, postures)

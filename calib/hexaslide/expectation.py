@@ -198,10 +198,12 @@ def other_frame(readings: Readings, machine: HexaSlide) -> OtherFrame | None:
     """The frame in which all measured places would be those of the machine, None where no other
     frame explains them. Places alone are looked at. Raises UnreachablePosture.
     """
-    names = readings.procedure.measured
-    columns = [k for name in COMPONENTS[:3] for k, name_at in enumerate(names) if name_at == name]
-    if len(columns) < 3 or len(readings.sliders) < 4:
+    if not readings.procedure.measures_places or len(readings.sliders) < 4:
         return None
+    from scipy.spatial.transform import Rotation  # 0.1 s to import: only where used
+
+    names = readings.procedure.measured
+    columns = [names.index(name) for name in COMPONENTS[:3]]
     forward = replace(readings, procedure=Procedure.of(ProcedureKind.POSE_FORWARD, names))
     expected = postures_of(forward, machine)[:, :3]
     places = readings.measured[:, columns]
@@ -213,9 +215,6 @@ def other_frame(readings: Readings, machine: HexaSlide) -> OtherFrame | None:
     squares = [(part**2).sum() for part in (remainder, places - expected, expected - centre)]
     if squares[0] > FRAME_MOST * min(squares[1:]):
         return None
-    cosine = (np.trace(turn) - 1.0) / 2.0
-    shift = far - turn.T @ centre
-    turned = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
-    skew = np.array([turn[1, 2] - turn[2, 1], turn[2, 0] - turn[0, 2], turn[0, 1] - turn[1, 0]])
-    axis = np.linalg.eigh(turn + turn.T)[1][:, -1]  # also of half a turn, which has no skew part
-    return OtherFrame(turned, axis * np.copysign(1.0, axis @ skew), np.asarray(shift))
+    vector = Rotation.from_matrix(turn.T).as_rotvec()
+    angle = float(np.linalg.norm(vector))
+    return OtherFrame(float(np.degrees(angle)), vector / (angle or 1.0), far - turn.T @ centre)

@@ -78,14 +78,19 @@ class Geometry:
         if np.abs(fixed).max() > OFF_FRAME_M or not abs(self.base[1, 0]) > OFF_FRAME_M:
             raise CalibrationError(
                 "base frame",
-                f"rails that start at {self.base[0].real} and {self.base[1].real}",
-                "the first rail at [0, 0, 0], the second at [x, 0, 0]",
+                f"{self.part}s that start at {self.base[0].real} and {self.base[1].real}",
+                f"the first {self.part} at [0, 0, 0], the second at [x, 0, 0]",
             )
 
     @cached_property
     def telescopic(self) -> bool:
         """Whether the legs change their lengths between joints that stand still."""
         return not self.rails.real.any()
+
+    @property
+    def part(self) -> str:
+        """What a drive moves along, for people."""
+        return "leg" if self.telescopic else "rail"
 
     @cached_property
     def inclination(self) -> Numbers:
@@ -311,12 +316,13 @@ class HexaSlide:
             sliders = inverse(self.geometry, self.box.grid())
             chain = int((~self.within(sliders)).sum(axis=0).argmax())
             low, high = sliders[:, chain].min(), sliders[:, chain].max()
+            part = self.geometry.part
             raise CalibrationError(
                 "travel of the sliders",
-                f"rails that reach {len(postures)} of {MOST_DRAWN * count} random postures of the "
-                f"box; all of it takes {1000.0 * low:.0f} to {1000.0 * high:.0f} mm of chain "
+                f"{part}s that reach {len(postures)} of {MOST_DRAWN * count} random postures of "
+                f"the box; all of it takes {1000.0 * low:.0f} to {1000.0 * high:.0f} mm of chain "
                 f"{chain + 1}",
-                "rails that reach a good part of the box",
+                f"{part}s that reach a good part of the box",
                 "Correct travel_mm or [box] in the machine file.",
             )
         return postures

@@ -33,14 +33,12 @@ from calib.design.identifiability import (
 )
 from calib.errors import CalibrationError
 from calib.hexaslide.derivatives import RowMaker, jacobian
-from calib.hexaslide.geometry import HexaSlide, forward_near, inverse, motions, present
+from calib.hexaslide.geometry import HexaSlide, forward_near, inverse, motions, present, unit_of
 from calib.hexaslide.procedures import (
-    ALL_UNITS,
     ANGLES,
     Procedure,
     ProcedureKind,
     held_postures,
-    in_units,
     joint_radius,
 )
 from calib.hexaslide.residuals import read_at
@@ -92,20 +90,38 @@ def fewest_postures(procedure: Procedure, machine: HexaSlide) -> int:
     return low
 
 
+UNITS = "metres and radians, columns not scaled"
+SCALED = "scaled"
+SCALED_WORDS = "angles at the joints of the platform, columns by their size at random postures"
+
+SIZES = {
+    "m, rad": {"m": 1.0, "rad": 1.0},
+    "mm, rad": {"m": 1e-3, "rad": 1.0},
+    "m, °": {"m": 1.0, "rad": np.pi / 180.0},
+}
+"""Units of length and angle, in metres and radians."""
+
+
 @dataclass(frozen=True, eq=False)
 class Scale:
-    """Sizes that leave no units: of what is read ``(r,)`` and of the parameters ``(k,)``.
-
-    Angles count at the joints of the platform; a parameter by the r.m.s. of what it does at
-    postures enough.
-    """
+    """Factors of derivatives: of what is read ``(r,)`` and of the parameters ``(k,)``."""
 
     read: FloatArray
     parameters: FloatArray
 
     @staticmethod
+    def in_units(procedure: Procedure, units: str) -> Scale:
+        """The scale from metres and radians to ``units``, of `SIZES`."""
+        sizes = SIZES[units] | {"m/m": 1.0}
+        of_readings = [sizes["rad" if name in ANGLES else "m"] for name in procedure.read]
+        parameters = [sizes[unit_of(name)] for name in procedure.parameters]
+        return Scale(1.0 / np.array(of_readings), np.array(parameters))
+
+    @staticmethod
     def of(procedure: Procedure, machine: HexaSlide) -> Scale:
-        """Raises as `sensitivity`."""
+        """The scale to no units: angles count at the joints of the platform, a parameter by the
+        r.m.s. of what it does at postures enough. Raises as `sensitivity`.
+        """
         radius = joint_radius(machine.geometry)
         of_readings = np.array([radius if name in ANGLES else 1.0 for name in procedure.read])
         rows = at_enough(procedure, machine).jacobian
@@ -113,7 +129,7 @@ class Scale:
         return Scale(of_readings, 1.0 / np.where(sizes > 0.0, sizes, 1.0))
 
     def applied(self, rows: FloatArray) -> FloatArray:
-        """Derivatives ``(n, k)`` of whole postures, metres and radians, without units."""
+        """Derivatives ``(n, k)`` of whole postures, metres and radians, so multiplied."""
         return rows * np.resize(self.read, len(rows))[:, None] * self.parameters
 
 
@@ -131,21 +147,6 @@ def rows_seen(procedure: Procedure, machine: HexaSlide, *, scaled: bool = False)
     return RowMaker(procedure, machine.geometry, machine.link, visible, scale.read)
 
 
-KINDS = tuple(ProcedureKind)
-"""In the order of the cases of papers/001."""
-
-UNITS = "metres and radians, columns not scaled"
-SCALED = "scaled"
-SCALED_WORDS = "angles at the joints of the platform, columns by their size at random postures"
-
-PUBLISHED = {
-    ProcedureKind.POSE_INVERSE: 49,
-    ProcedureKind.POSE_FORWARD: 49,
-    ProcedureKind.POSITION: 48,
-    ProcedureKind.CONSTRAINT_LINK: 46,
-}
-"""Ranks that papers/001, table 1, states."""
-
 WRONG = {
     ProcedureKind.POSITION: "papers/001 counts 48; with exact derivatives it is 46: turning the "
     "frame of the platform about its origin changes no position. 48 is also its number of rows, "
@@ -158,9 +159,12 @@ WRONG = {
 
 @dataclass(frozen=True)
 class PublishedSet:
-    """Condition numbers of one table of papers/001."""
+    """What papers/001 states of a procedure: its rank in table 1, and condition numbers of sets of
+    ``count`` postures in a later ``table``.
+    """
 
     case: str
+    rank: int
     table: int
     count: int
     random: float
@@ -168,10 +172,10 @@ class PublishedSet:
 
 
 PUBLISHED_SETS = {
-    ProcedureKind.POSE_INVERSE: PublishedSet("I", 3, 9, 2888.0, 140.2),
-    ProcedureKind.POSE_FORWARD: PublishedSet("II", 4, 9, 21530.0, 1537.3),
-    ProcedureKind.POSITION: PublishedSet("III", 5, 16, 33916.0, 2430.2),
-    ProcedureKind.CONSTRAINT_LINK: PublishedSet("IV", 6, 46, 6.012e5, 1.4523e5),
+    ProcedureKind.POSE_INVERSE: PublishedSet("I", 49, 3, 9, 2888.0, 140.2),
+    ProcedureKind.POSE_FORWARD: PublishedSet("II", 49, 4, 9, 21530.0, 1537.3),
+    ProcedureKind.POSITION: PublishedSet("III", 48, 5, 16, 33916.0, 2430.2),
+    ProcedureKind.CONSTRAINT_LINK: PublishedSet("IV", 46, 6, 46, 6.012e5, 1.4523e5),
 }
 
 
@@ -222,7 +226,7 @@ class HexaSlidePlanning:
             source=self.source or f"random in the box, seed {self.seed}",
             fewest_postures=fewest_postures(self.procedure, self.machine),
             reachable_rank=reachable(self.procedure, self.machine).rank,
-            published_rank=PUBLISHED[kind] if self.usual else None,
+            published_rank=PUBLISHED_SETS[kind].rank if self.usual else None,
             remark=WRONG.get(kind, "") if self.usual else "",
         )
 
@@ -245,10 +249,8 @@ def conditions_by_units(
     """Condition number of what is seen in each unit and scaled, from rows ``(n, k)``, metres and
     radians.
     """
-    conditions = {
-        units.words: condition(in_units(procedure, rows, units), rank) for units in ALL_UNITS
-    }
-    return conditions | {SCALED: condition(scale.applied(rows), rank)}
+    scales = {units: Scale.in_units(procedure, units) for units in SIZES} | {SCALED: scale}
+    return {units: condition(part.applied(rows), rank) for units, part in scales.items()}
 
 
 def conditions_at(view: HexaSlideSeen, postures: FloatArray) -> dict[str, float]:

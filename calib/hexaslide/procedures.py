@@ -20,7 +20,6 @@ from calib.hexaslide.geometry import (
     Geometry,
     HexaSlide,
     legs,
-    unit_of,
 )
 
 COMPONENTS = ("x", "y", "z", "theta", "psi", "phi")
@@ -183,32 +182,12 @@ def joint_radius(geometry: Geometry) -> float:
     return float(np.sqrt((geometry.platform**2).sum(axis=1).mean())) or 1.0
 
 
+def at_joints(geometry: Geometry) -> FloatArray:
+    """Sizes of coordinates ``(6,)`` where turns are measured at the joints."""
+    return np.repeat([1.0, joint_radius(geometry)], 3)
+
+
 def looseness(geometry: Geometry, postures: FloatArray) -> FloatArray:
     """Condition numbers ``(p,)`` of sliders by postures, turns measured where the joints are."""
-    size = joint_radius(geometry)
-    by_posture = legs(geometry, postures).arms.by_posture / [1.0, 1.0, 1.0, size, size, size]
+    by_posture = legs(geometry, postures).arms.by_posture / at_joints(geometry)
     return np.asarray(np.nan_to_num(np.linalg.cond(by_posture), nan=np.inf))
-
-
-@dataclass(frozen=True)
-class Units:
-    """A unit of length in metres and one of angle in radians."""
-
-    words: str
-    length_m: float
-    angle_rad: float
-
-
-METRES = Units("m, rad", 1.0, 1.0)
-MILLIMETRES = Units("mm, rad", 1e-3, 1.0)
-DEGREES = Units("m, °", 1.0, np.pi / 180.0)
-ALL_UNITS = (METRES, MILLIMETRES, DEGREES)
-
-
-def in_units(procedure: Procedure, rows: FloatArray, units: Units) -> FloatArray:
-    """Derivatives ``(n, k)`` in metres and radians, of whole postures, as they are in ``units``."""
-    units_read = [units.angle_rad if name in ANGLES else units.length_m for name in procedure.read]
-    units_of_rows = np.resize(units_read, len(rows))
-    sizes = {"m": units.length_m, "rad": units.angle_rad, "m/m": 1.0}
-    sizes_of_parameters = np.array([sizes[unit_of(name)] for name in procedure.parameters])
-    return np.asarray(rows * sizes_of_parameters / units_of_rows[:, None])

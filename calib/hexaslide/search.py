@@ -35,7 +35,7 @@ from calib.hexaslide.procedures import (
     WELL_HELD,
     Procedure,
     ProcedureKind,
-    joint_radius,
+    at_joints,
     looseness,
 )
 from calib.hexaslide.simulation import between, link_postures, on_link, random_on_link
@@ -212,8 +212,7 @@ class JointSpace(Space):
     def __init__(self, maker: RowMaker, machine: HexaSlide, *, few: bool) -> None:
         super().__init__(maker, machine, few=few)
         self.lower, self.upper = machine.travel_m
-        radius = joint_radius(machine.geometry)
-        self._size = np.array([1.0, 1.0, 1.0, radius, radius, radius])
+        self._size = at_joints(machine.geometry)
         self._known: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=REMEMBERED)
 
     def begin(self, postures: FloatArray) -> FloatArray:
@@ -427,7 +426,7 @@ def _space(procedure: Procedure, machine: HexaSlide, count: int, search: Search)
         )
     if search.space == "joints" and not np.isfinite(machine.travel_m).all():
         raise CalibrationError(
-            "search between the ends of the rails",
+            f"search between the ends of the {machine.geometry.part}s",
             "no travel_mm in the machine file",
             "travel_mm in every [[chain]]",
         )

@@ -48,7 +48,7 @@ FAR_BEHIND = 12.0
 """Log weight behind the best of as many components: lighter than `LIGHTEST`, not looked at."""
 
 LIGHTEST = 1e-4
-"""Models of less weight change nothing."""
+"""Models of less weight change no value; all together they may have a few percent."""
 
 
 Key = tuple[tuple[int, float], ...]
@@ -207,8 +207,8 @@ class Race:
         log[:, [member for member, _ in key]] = -math.inf
         return log
 
-    def run(self) -> list[RaceEntry]:
-        """Every model that counts, the heaviest first.
+    def run(self, lightest: float = LIGHTEST) -> list[RaceEntry]:
+        """Every model of more weight than the ``lightest``, the heaviest first.
 
         All pairs are tried; of triples those that hold one of the heaviest pairs.
         """
@@ -231,7 +231,7 @@ class Race:
         entries = [
             RaceEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log)
             for (key, log), part in zip(weights.items(), share, strict=True)
-            if part > LIGHTEST
+            if part > lightest
         ]
         return sorted(entries, key=lambda entry: -entry.log_weight)
 

@@ -1,8 +1,9 @@
-"""The diagnosis of a Hexa Slide against hidden machines: ``python -m tests.blind.hexaslide 60``.
+"""The diagnosis of a Hexa Slide against hidden machines: ``python -m tests.blind.hexaslide 300``.
 
 The simulation is of this file alone: spheres about carriages, met by Newton's method of scipy. A
 third of the machines hide nothing; the others hide one cause, from what hardly shows to what
-nobody overlooks. Prints the table of docs/hexaslide.md.
+nobody overlooks. Prints the table of docs/hexaslide.md; ``300 3000 position`` takes the machines
+from number 3000 on, of one procedure.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
+from scipy.stats import binomtest
 
-from calib.hexaslide.diagnosis import HexaSlideDiagnosis, diagnosed
+from calib.hexaslide.diagnosis import HexaSlideDiagnosis, diagnosis_from, weighed
+from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.residuals import Readings
 from protocols.hexaslide import HexaSlideMachine, load_hexaslide
@@ -188,6 +191,13 @@ def on_link(true: Plain, posture: Array) -> Array:
     return lifted
 
 
+def diagnosed(
+    readings: Readings, nominal: HexaSlide, tolerances: Array, lead_m: float | None = None
+) -> HexaSlideDiagnosis:
+    """As the program diagnoses them."""
+    return diagnosis_from(weighed(readings, nominal, tolerances, lead_m))
+
+
 def case(kind: str, seed: int) -> tuple[Hidden, HexaSlideDiagnosis]:
     """One hidden machine, diagnosed."""
     chance = np.random.default_rng(seed)
@@ -198,15 +208,16 @@ def case(kind: str, seed: int) -> tuple[Hidden, HexaSlideDiagnosis]:
     return cause, diagnosed(readings, file.whole(), tolerances, LEAD_M)
 
 
-def main(count: int) -> None:
-    """The table, and what was wrong."""
+def main(count: int, first: int, kinds: tuple[str, ...]) -> None:
+    """The table, and what was wrong; the share of truths in the set with its 95 % interval."""
     print(
-        "| procedure | machines | truth in the set | named right | wrong name | name on nothing |"
+        "| procedure, postures | machines | truth in the set | named | wrong name "
+        "| name on nothing |"
     )
     print("|---|---|---|---|---|---|")
-    for kind in POSTURES:
+    for kind in kinds:
         score: Counter[str] = Counter()
-        for seed in range(count):
+        for seed in range(first, first + count):
             what, diagnosis = case(kind, seed)
             causes = tuple(sorted(cause for claim in diagnosis.named for cause in claim.causes))
             inside = what.truth in {claim.causes for claim in diagnosis.claims}
@@ -216,17 +227,22 @@ def main(count: int) -> None:
             score["hidden"] += what.cause is not None
             score["wrong"] += wrong and what.cause is not None
             score["nothing"] += wrong and what.cause is None
+            score["claims"] += len(diagnosis.claims)
             if wrong or not inside:
                 print(
                     f"  {kind} {seed}: {what}: {diagnosis.verdict}, {diagnosis.claims[:3]}",
                     file=sys.stderr,
                 )
+        interval = binomtest(score["inside"], count).proportion_ci()
         print(
-            f"| {kind} | {count} | {100 * score['inside'] / count:.0f} % | {score['right']} of "
+            f"| {kind}, {POSTURES[kind]} | {count} | {100 * score['inside'] / count:.1f} % "
+            f"({100 * interval.low:.1f} to {100 * interval.high:.1f}) | {score['right']} of "
             f"{score['hidden']} | {score['wrong']} | {score['nothing']} |",
             flush=True,
         )
+        print(f"  {kind}: {score['claims'] / count:.0f} claims in a set", file=sys.stderr)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    machines, first_machine = int(sys.argv[1]), int(sys.argv[2]) if sys.argv[2:] else 0
+    main(machines, first_machine, tuple(sys.argv[3:]) or tuple(POSTURES))

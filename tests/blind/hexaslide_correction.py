@@ -20,10 +20,20 @@ from scipy.optimize import fsolve
 from calib.hexaslide.calibration import calibrate
 from calib.hexaslide.checked import frames_apart
 from calib.hexaslide.correction import correction_of
-from calib.hexaslide.diagnosis import diagnosed, weighed
+from calib.hexaslide.diagnosis import weighed
 from calib.hexaslide.geometry import HexaSlide, inverse
 from protocols.hexaslide import load_hexaslide
-from tests.blind.hexaslide import LEAD_M, POSTURES, Array, Hidden, Plain, hidden, measured, moved
+from tests.blind.hexaslide import (
+    LEAD_M,
+    POSTURES,
+    Array,
+    Hidden,
+    Plain,
+    diagnosed,
+    hidden,
+    measured,
+    moved,
+)
 
 PLACES, SEEDS = 300, 50_000
 

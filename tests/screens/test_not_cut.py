@@ -135,7 +135,7 @@ def what_if(_: Path) -> Screen[Any]:
 
 def posture_what_if(folder: Path) -> Screen[Any]:
     session = posture_session(folder / "moved.jsonl", "position", 24)
-    causes = causes_to_try(measured_in(session))
+    causes = causes_to_try(measured_in(session).source)
     return PostureWhatIfScreen(session, causes, next(iter(causes.likely)))
 
 

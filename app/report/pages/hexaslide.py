@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from app.evaluating.hexaslide import PostureResult
 from app.evaluating.hexaslide_calibration import CalibratedMachine, VerifiedMachine
 from app.evaluating.posture_history import Decision
 from app.report.certificate import NOT_JUDGED, CertificateHead
@@ -121,7 +120,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
             Section("What is left at each posture", _charts(calibration)),
             Section(
                 "Limits of this result",
-                shortened_limits(_all_limits(result, document), LONGEST),
+                shortened_limits(_all_limits(certified, document), LONGEST),
             ),
         ],
         sections=[
@@ -134,7 +133,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
                 "Parameters",
                 [parameter_table(document), *figure_lines(document, calibration.fit.factor)],
             ),
-            Section("What limits this result", _all_limits(result, document)),
+            Section("What limits this result", _all_limits(certified, document)),
             Section("What is missing from the model", missing_parts(result)),
             Section(
                 "What the calibrated machine leaves",
@@ -292,9 +291,9 @@ def _charts(result: CalibratedMachine) -> list[Picture]:
     return [Picture(svg_of(chart), caption) for chart in residual_charts(result)]
 
 
-def _all_limits(result: PostureResult, document: HexaSlideCalibrationReport) -> list[str]:
-    unfinished = [result.record.unfinished] if result.record.unfinished else []
-    return [*unfinished, *caveats(document), *remark_lines(result.session)]
+def _all_limits(certified: CertifiedPostures, document: HexaSlideCalibrationReport) -> list[str]:
+    unfinished = [record.unfinished for _, record in certified.sessions if record.unfinished]
+    return [*unfinished, *caveats(document), *remark_lines(certified.result.session)]
 
 
 def _machine(machine: HexaSlideMachine, tolerance_mm: float | None) -> Table:

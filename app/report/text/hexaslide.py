@@ -11,7 +11,6 @@ from calib.arrays import FloatArray
 from calib.hexaslide.geometry import COORDINATES
 from calib.hexaslide.planning import (
     DIFFERENCE_STEP,
-    KINDS,
     SCALED,
     SCALED_WORDS,
     HexaSlideSeen,
@@ -66,7 +65,7 @@ def _search(best: BestPostures) -> str:
     where = "stand on a bound of the box"
     kind = "coordinates"
     if best.space == "joints":
-        where, kind = "stand at an end of their rails; the box was left out", "sliders"
+        where, kind = "stand at an end of their travel; the box was left out", "sliders"
     share = f"{100.0 * best.refined.on_bound / size:.0f} % of the {kind} {where}"
     if not best.values:
         return f"{share}. From {best.search.source}."
@@ -264,7 +263,11 @@ def heading_text(file: Path | None, view: HexaSlideSeen | None) -> str:
     if view is None:
         return machine
     kind = view.procedure.kind
-    number = f"{KINDS.index(kind) + 1} of {len(KINDS)}" if view.published else "your own"
+    number = (
+        f"{[*ProcedureKind].index(kind) + 1} of {len(ProcedureKind)}"
+        if view.published
+        else "your own"
+    )
     return f"{machine}   {number}: {kind.value}"
 
 

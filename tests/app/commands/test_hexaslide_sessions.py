@@ -20,12 +20,15 @@ import numpy as np
 import pytest
 
 from app.evaluating.hexaslide_calibration import calibrate_file, verify_sessions
+from app.evaluating.hexaslide_comparison import compare_postures
 from app.measuring.hexaslide import (
     PosturePlan,
     PostureTaking,
     import_postures,
     measure_simulated,
 )
+from app.report.pages.hexaslide import source_of_postures
+from app.report.pages.report import html_of
 from calib.errors import RecordError, UsageError
 from calib.hexaslide.checked import frames_apart
 from calib.hexaslide.geometry import forward_near
@@ -35,6 +38,7 @@ from drivers.twins import IndicatorTwin, TwinPort
 from protocols.hexaslide import load_hexaslide
 from protocols.hexaslide_session import (
     POSTURE_FORM,
+    PostureSession,
     SimulatedPostures,
     commands,
     procedure_names,
@@ -42,6 +46,7 @@ from protocols.hexaslide_session import (
     simulated_truth,
 )
 from protocols.journal import write_whole
+from protocols.record import Record
 from tests.app.cli import glidecal, refused
 from tests.app.commands.posture_sessions import IMPORT, plan, quiet, simulated, table, write
 from tests.conftest import LONG, ROOT, first_quick
@@ -144,6 +149,28 @@ def test_a_cut_session_is_said_whatever_is_asked_of_it(pose: Path, tmp_path: Pat
         assert words in run.err, asked[0]
     message = refused(3, "validate", cut)
     assert f"glidecal run --continue {cut} goes on with it" in message
+
+
+def test_each_of_two_sessions_is_read_once_and_a_cut_one_is_said(
+    pose: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By `verify` and `compare`; the report of a verification tells it of the later one, too."""
+    later = simulated(tmp_path / "later.jsonl", "pose-forward", 6)
+    cut = tmp_path / "cut.jsonl"
+    cut.write_bytes(later.read_bytes()[:-30])
+    reads: list[str] = []
+
+    def counted(path: Path) -> tuple[PostureSession, Record]:
+        reads.append(path.name)
+        return read_postures(path)
+
+    monkeypatch.setattr("protocols.hexaslide_session.read_postures", counted)
+    for result in (verify_sessions(pose, cut, 0.1), compare_postures(pose, cut)):
+        assert [words.partition(":")[0] for words in result.warnings] == ["cut.jsonl"]
+        assert "cut inside line" in result.warnings[0]
+    assert reads == 2 * ["pose.jsonl", "cut.jsonl"]
+    limits = " ".join(html_of(source_of_postures(pose, cut, 0.1).page()).split())
+    assert result.warnings[0] in limits
 
 
 def test_a_reading_that_is_kept_never_ends_the_session(tmp_path: Path) -> None:

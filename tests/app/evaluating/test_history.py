@@ -256,7 +256,7 @@ def test_what_is_known_is_not_solved_again(
 PRINTER = "printer.jsonl"
 POSTURES = "postures.jsonl"
 TOLD: dict[int, dict[str, tuple[float, ...]]] = {
-    10: {
+    11: {
         "experiment_2_twelve.jsonl": (
             *(-0.52368, 0.53567, -1.6595, 0.72688, 0.72354, 0.72664),
             *(0.6666, 0.33852),

@@ -14,8 +14,8 @@ from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from calib.arrays import condition
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import HexaSlide
-from calib.hexaslide.planning import KINDS, look_at
-from calib.hexaslide.procedures import DEGREES, MILLIMETRES, Procedure, in_units
+from calib.hexaslide.planning import Scale, look_at
+from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.search import Search, searches
 from protocols.hexaslide import load_hexaslide
 from tests.app.cli import refused
@@ -94,7 +94,7 @@ def test_postures_of_nothing_found_show_the_box_alone(machine: HexaSlide) -> Non
     assert outline.max(axis=0) == pytest.approx([15.0, 30.0])
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ProcedureKind)
 def test_millimetres_as_if_the_machine_were_written_in_them(kind: str) -> None:
     view = look_at(hexaslide_planning(Request(kind, postures=60)))
     metres, link = view.machine.geometry, view.machine.link
@@ -116,7 +116,7 @@ def test_millimetres_as_if_the_machine_were_written_in_them(kind: str) -> None:
     rows = jacobian(view.procedure, metres, postures, link).reshape(-1, count)
     scale = np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0])
     jacobian_mm = jacobian(view.procedure, big, scale * postures, long).reshape(-1, count)
-    converted = in_units(view.procedure, rows, MILLIMETRES)
+    converted = Scale.in_units(view.procedure, "mm, rad").applied(rows)
     assert converted == pytest.approx(jacobian_mm, rel=1e-9, abs=1e-9 * np.abs(jacobian_mm).max())
     rank = view.seen.identifiability.rank
     assert view.conditions["mm, rad"] == pytest.approx(condition(jacobian_mm, rank), rel=1e-6)
@@ -125,7 +125,7 @@ def test_millimetres_as_if_the_machine_were_written_in_them(kind: str) -> None:
 def test_degrees_change_the_rows_of_angles_alone() -> None:
     view = look_at(hexaslide_planning(Request("pose-forward", postures=20)))
     rows = view.seen.examined.sensitivity.jacobian
-    turned = in_units(view.procedure, rows, DEGREES).reshape(20, 6, -1)
+    turned = Scale.in_units(view.procedure, "m, °").applied(rows).reshape(20, 6, -1)
     assert turned[:, :3] == pytest.approx(rows.reshape(20, 6, -1)[:, :3])
     assert turned[:, 3:] == pytest.approx(np.degrees(rows.reshape(20, 6, -1)[:, 3:]))
 

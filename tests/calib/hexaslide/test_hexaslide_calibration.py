@@ -14,10 +14,11 @@ from calib.arrays import FloatArray
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
 from calib.hexaslide import procedures
 from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
-from calib.hexaslide.checked import check_postures, frames_apart, inner_lengths, inner_slopes
+from calib.hexaslide.checked import check_postures, frames_apart, inner_lengths, length_slopes
 from calib.hexaslide.derivatives import jacobian, joint_angles
 from calib.hexaslide.geometry import (
     ENCODERS,
+    NAMES,
     Box,
     HexaSlide,
     forward,
@@ -303,10 +304,10 @@ def test_shares_of_what_is_left_point_at_a_wrong_reading() -> None:
 
 
 def test_inner_lengths_do_not_move_with_frames() -> None:
-    slopes = inner_slopes(NOMINAL.geometry)
+    slopes = length_slopes(NOMINAL.geometry, NAMES)
     for kind, count in (("position", 24), ("constraint-link", 80)):
         calibration, _, _ = calibrated(kind, count, 13)
-        inner = inner_slopes(calibration.machine.geometry)
+        inner = length_slopes(calibration.machine.geometry, NAMES)
         assert np.abs(inner @ calibration.null[:49]).max() < 1e-9
     base, step = values(NOMINAL.geometry), 1e-6
     for k in range(0, 49, 5):

@@ -14,12 +14,12 @@ from calib.errors import CalibrationError, ImpossibleRequest
 from calib.hexaslide.calibration import calibrate
 from calib.hexaslide.checked import frames_apart
 from calib.hexaslide.derivatives import RowMaker, jacobian, joint_angles
-from calib.hexaslide.diagnosis import diagnosed
 from calib.hexaslide.geometry import forward, inverse, with_values
 from calib.hexaslide.planning import fewest_postures, reachable
 from calib.hexaslide.platform import platform_error
 from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.residuals import Readings
+from tests.blind.hexaslide import diagnosed
 from tests.blind.telescopic import scored
 from tests.calib.hexaslide.telescopic_draws import (
     FILE,
@@ -170,7 +170,7 @@ def test_a_drive_may_read_the_whole_length_of_its_leg() -> None:
     moved = machine.with_parameters(("l1",), np.array([-3e-4]))
     assert moved.geometry.links[0] == -3e-4
     assert moved.geometry.telescopic
-    with pytest.raises(CalibrationError):  # all starts at one point
+    with pytest.raises(CalibrationError, match="the first leg at"):  # all starts at one point
         with_values(geometry, parameters)
 
 

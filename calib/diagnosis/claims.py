@@ -20,7 +20,7 @@ from calib.diagnosis.thresholds import AGREED, EVEN, MISSING, OPEN, SURE
 from calib.posterior.gaussian import About
 from calib.posterior.library import Component
 from calib.posterior.models import Posterior, WeightedModel
-from calib.posterior.race import log_prior_odds
+from calib.posterior.selection import log_prior_odds
 from calib.tripod.effects.empirical import EMPIRICAL
 
 Key = TypeVar("Key", str, EffectName)

@@ -42,8 +42,8 @@ from calib.noise.reading import still_rows
 from calib.posterior.apart import Mistake
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.models import Posterior
-from calib.posterior.race import LOG_CAUSES, LOG_SCALES, SCALES
 from calib.posterior.readings import LENGTHS
+from calib.posterior.selection import LOG_CAUSES, LOG_SCALES, SCALES
 from calib.stats import UNLIKELY
 from calib.tripod.effects.drives import ActuatorCyclic
 from calib.tripod.effects.effect import EffectInstance, Kind

@@ -20,8 +20,8 @@ from calib.posterior.columns import free_columns, linear_about
 from calib.posterior.gaussian import About
 from calib.posterior.library import Component
 from calib.posterior.models import LinearSessions, Posterior
-from calib.posterior.race import SCALES, Key, Products, Race
 from calib.posterior.readings import LENGTHS
+from calib.posterior.selection import SCALES, Key, ModelSelection, Products
 from calib.tripod.effects.effect import Effect, EffectInstance
 
 MOST_SETS = 40
@@ -173,7 +173,7 @@ class _LeftOut:
             columns.T @ columns, columns.T @ about.left, float(about.left @ about.left)
         )
         base = rows.residual[out_rows] - self._base[out_rows] @ (about.inverse @ about.along)
-        race = Race(
+        selection = ModelSelection(
             products,
             linear.index,
             np.array([component.log_prior for component in self._components]),
@@ -181,7 +181,7 @@ class _LeftOut:
             rows.freedom,
             rows.excess,
         )
-        scale_of_components = self._best(race)
+        scale_of_components = self._best(selection)
         index = np.concatenate([linear.index[k] for k, _ in scale_of_components])
         scale = np.concatenate([np.full(len(linear.index[k]), s) for k, s in scale_of_components])
         inner = np.eye(len(index)) + scale[:, None] * products.inner[np.ix_(index, index)] * scale
@@ -191,16 +191,16 @@ class _LeftOut:
         correction = linear.columns[out_rows][:, index] @ sizes - self._base[out_rows] @ shift
         return base, base - correction
 
-    def _best(self, race: Race) -> Key:
+    def _best(self, selection: ModelSelection) -> Key:
         """What has most weight alone, or the set that has more."""
-        components = self.posterior.components[: len(race.columns)]
+        components = self.posterior.components[: len(selection.columns)]
         allowed = [component.kind in self.kinds for component in components]
-        log = np.where(allowed, race.log_weights(), -math.inf)
+        log = np.where(allowed, selection.log_weights(), -math.inf)
         row, number = np.unravel_index(int(np.argmax(log)), log.shape)
         best: Key = ((int(number), SCALES[int(row)]),)
         largest = float(log[row, number])
         for key in self._sets:
-            weight = race.entry(key).log_weight
+            weight = selection.entry(key).log_weight
             if weight > largest:
                 best, largest = key, weight
         return best

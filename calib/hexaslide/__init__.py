@@ -1,5 +1,5 @@
 """The Hexa Slide: six sliders on fixed rails, six links, one platform with six freedoms.
 
 Its simulation, planning, calibration and diagnosis. May import every room of `calib`, and nothing
-of another machine: of `calib.posterior` the race of models, of `calib.diagnosis` its thresholds.
+of another machine: model selection of `calib.posterior`, thresholds of `calib.diagnosis`.
 """

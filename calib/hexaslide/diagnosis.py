@@ -1,8 +1,7 @@
-"""What is missing in a Hexa Slide's model: its own causes as columns, weighed by the one race.
+"""What is missing in a Hexa Slide's model: its own causes as columns, weighed together.
 
 About the calibrated machine the readings are linear: parameters with their tolerances are the base,
-each cause adds a few columns (`hexaslide_causes`). `calib.posterior.race` weighs models of up to
-three.
+each cause adds a few columns (`causes`). `calib.posterior.selection` weighs models of up to three.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings, postures_of, residuals
 from calib.posterior.gaussian import About
-from calib.posterior.race import ADOPTED, LIGHTEST, Products, Race, RaceEntry
+from calib.posterior.selection import ADOPTED, LIGHTEST, ModelEntry, ModelSelection, Products
 from calib.quantity import Quantity
 from calib.stats import UNLIKELY, variance_ratio_p_value
 
@@ -138,12 +137,12 @@ class WeighedCauses:
     sizes: FloatArray
     directions: FloatArray
     causes: tuple[HexaSlideCause, ...]
-    race: Race
-    entries: tuple[RaceEntry, ...]
+    selection: ModelSelection
+    entries: tuple[ModelEntry, ...]
     weights_of_names: Mapping[Names, float]
     adopted: tuple[AdoptedEffect, ...]
     stated: FloatArray
-    free: RaceEntry
+    free: ModelEntry
     noise_times: float = 1.0
 
     @property
@@ -153,7 +152,7 @@ class WeighedCauses:
         """
         if self.readings.different * len(self.readings.procedure.read) <= len(self.sizes):
             return 0
-        sizes_of_model = sum(len(self.race.columns[k]) for k in self.free.members)
+        sizes_of_model = sum(len(self.selection.columns[k]) for k in self.free.members)
         return len(self.whitened) - len(self.sizes) - sizes_of_model
 
     @property
@@ -166,27 +165,27 @@ class WeighedCauses:
         """Log evidence of all entries together."""
         return float(np.logaddexp.reduce([entry.log_weight for entry in self.entries]))
 
-    def index(self, entry: RaceEntry) -> IntArray:
+    def index(self, entry: ModelEntry) -> IntArray:
         """Which of all columns of causes are a model's ``(r,)``."""
-        columns = (self.race.columns[k] for k in entry.members)
+        columns = (self.selection.columns[k] for k in entry.members)
         return np.concatenate([np.zeros(0, dtype=np.intp), *columns])
 
-    def columns(self, entry: RaceEntry) -> FloatArray:
+    def columns(self, entry: ModelEntry) -> FloatArray:
         """What a model's values do to the readings ``(n, r)``."""
         of_members = (self.causes[k].columns for k in entry.members)
         return np.hstack([np.zeros((len(self.base), 0)), *of_members])
 
-    def values(self, entry: RaceEntry) -> tuple[FloatArray, FloatArray]:
+    def values(self, entry: ModelEntry) -> tuple[FloatArray, FloatArray]:
         """Mean ``(r,)`` and covariance ``(r, r)`` of a model's values, in unremarkable sizes; of
         adopted effects what they differ by from ``stated``.
         """
         index = self.index(entry)
-        scale = np.repeat(entry.scales, [len(self.race.columns[k]) for k in entry.members])
-        inner = self.race.products.inner[np.ix_(index, index)] + np.diag(scale**-2.0)
+        scale = np.repeat(entry.scales, [len(self.selection.columns[k]) for k in entry.members])
+        inner = self.selection.products.inner[np.ix_(index, index)] + np.diag(scale**-2.0)
         covariance = np.asarray(np.linalg.inv(inner), dtype=np.float64)
-        return np.asarray(covariance @ self.race.products.along[index]), covariance
+        return np.asarray(covariance @ self.selection.products.along[index]), covariance
 
-    def mean_square(self, entry: RaceEntry) -> tuple[float, float]:
+    def mean_square(self, entry: ModelEntry) -> tuple[float, float]:
         """What parameters and a model leave, in variances of the stated noise, and its p-value; 0
         and 1 where nothing is over.
         """
@@ -202,7 +201,7 @@ class WeighedCauses:
         """Variance of what the heaviest model leaves by that of `readings`, at least 1."""
         return max(1.0, self.mean_square(self.entries[0])[0] / self.noise_times**2)
 
-    def names(self, entry: RaceEntry) -> Names:
+    def names(self, entry: ModelEntry) -> Names:
         """What a model has beside adopted effects."""
         members = (self.causes[k] for k in entry.members if k not in self.free.members)
         return tuple(sorted({(cause.id, cause.where) for cause in members}))
@@ -260,11 +259,13 @@ class WeighedCauses:
         sizes = {(effect.id, effect.where): effect for effect in self.sizes_of(loose)}
         return tuple(sizes.get((effect.id, effect.where), effect) for effect in self.adopted)
 
-    def by_cause(self, entry: RaceEntry) -> Iterator[tuple[HexaSlideCause, FloatArray, FloatArray]]:
+    def by_cause(
+        self, entry: ModelEntry
+    ) -> Iterator[tuple[HexaSlideCause, FloatArray, FloatArray]]:
         """The causes of a model, each with whole sizes and their variances ``(r,)``."""
         mean, covariance = self.values(entry)
         mean, variance = mean + self.stated[self.index(entry)], covariance.diagonal()
-        ends = np.cumsum([len(self.race.columns[k]) for k in entry.members], dtype=np.intp)
+        ends = np.cumsum([len(self.selection.columns[k]) for k in entry.members], dtype=np.intp)
         causes = (self.causes[k] for k in entry.members)
         yield from zip(
             causes, np.split(mean, ends)[:-1], np.split(variance, ends)[:-1], strict=True
@@ -338,7 +339,7 @@ def _weighed(
     seen = SeenDirections.of(base)
     of_machine = causes_of_machine(readings, machine, postures, lead_m, middle)
     causes = (*of_machine, *mistakes_of(readings, machine, postures))
-    race = _race(About.of(base, whitened, expected), causes, len(whitened))
+    selection = _selection(About.of(base, whitened, expected), causes, len(whitened))
     by_name = {(effect.id, effect.where): effect for effect in adopted}
     places = [by_name.get((cause.id, cause.where)) for cause in causes]
     stated = [
@@ -360,17 +361,17 @@ def _weighed(
         sizes=seen.singular,
         directions=seen.right.T,
         causes=causes,
-        race=race,
+        selection=selection,
         entries=(),
         weights_of_names={},
         adopted=tuple(adopted),
         stated=np.concatenate(stated),
-        free=RaceEntry(members, scales, 0.0),
+        free=ModelEntry(members, scales, 0.0),
     )
     if models.spare < FEWEST_SPARE:
         return models
     looked_for = [k for k, effect in enumerate(places) if effect is None]
-    entries = tuple(_entries(race, models.free, looked_for))
+    entries = tuple(_entries(selection, models.free, looked_for))
     weights, weights_of_names = _weights(entries), dict[Names, float]()
     for entry, weight in zip(entries, weights.tolist(), strict=True):
         names_of_entry = models.names(entry)
@@ -383,27 +384,33 @@ def _weighed(
     )
 
 
-def _weights(entries: Sequence[RaceEntry]) -> FloatArray:
+def _weights(entries: Sequence[ModelEntry]) -> FloatArray:
     """Weights of models ``(n,)``, together 1."""
     logs = np.array([entry.log_weight for entry in entries])
     weights = np.exp(logs - logs.max(initial=-math.inf))
     return np.asarray(weights / weights.sum())
 
 
-def _entries(race: Race, free: RaceEntry, looked_for: Sequence[int]) -> Iterator[RaceEntry]:
+def _entries(
+    selection: ModelSelection, free: ModelEntry, looked_for: Sequence[int]
+) -> Iterator[ModelEntry]:
     """Models of causes ``looked_for``, the ``free`` ones in each of them."""
-    index = np.concatenate([np.zeros(0, dtype=np.intp), *(race.columns[k] for k in free.members)])
-    scale = np.repeat(free.scales, [len(race.columns[k]) for k in free.members])
-    taken, products = race.products.taken_by(index, scale, slice(None)), race.products
+    index = np.concatenate(
+        [np.zeros(0, dtype=np.intp), *(selection.columns[k] for k in free.members)]
+    )
+    scale = np.repeat(free.scales, [len(selection.columns[k]) for k in free.members])
+    taken, products = selection.products.taken_by(index, scale, slice(None)), selection.products
     beside = Products(
         products.inner - taken.shown.T @ taken.shown,
         products.along - taken.along @ taken.shown,
         products.square - float(taken.along @ taken.along),
     )
-    columns, prior = [race.columns[k] for k in looked_for], race.log_prior[[*looked_for]]
-    for entry in replace(race, products=beside, columns=columns, log_prior=prior).run(FAINTEST):
+    columns, prior = [selection.columns[k] for k in looked_for], selection.log_prior[[*looked_for]]
+    for entry in replace(selection, products=beside, columns=columns, log_prior=prior).entries(
+        FAINTEST
+    ):
         members = tuple(looked_for[k] for k in entry.members)
-        yield RaceEntry((*members, *free.members), (*entry.scales, *free.scales), entry.log_weight)
+        yield ModelEntry((*members, *free.members), (*entry.scales, *free.scales), entry.log_weight)
 
 
 def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
@@ -447,7 +454,7 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
     )
 
 
-def _race(about: About, causes: tuple[HexaSlideCause, ...], free: int) -> Race:
+def _selection(about: About, causes: tuple[HexaSlideCause, ...], free: int) -> ModelSelection:
     columns = about.left_by(np.hstack([cause.columns for cause in causes]))
     products = Products(columns.T @ columns, columns.T @ about.left, float(about.left @ about.left))
     widths = [cause.columns.shape[1] for cause in causes]
@@ -456,7 +463,7 @@ def _race(about: About, causes: tuple[HexaSlideCause, ...], free: int) -> Race:
     places = Counter(name for name, _ in {(cause.id, cause.where) for cause in causes})
     # each kind is as likely, and so is each of its places
     prior = [math.log(cause.share / (len(places) * places[cause.id])) for cause in causes]
-    return Race(products, index, np.array(prior), free, math.inf)
+    return ModelSelection(products, index, np.array(prior), free, math.inf)
 
 
 def _claims(weights: Mapping[Names, float]) -> Iterator[HexaSlideClaim]:
@@ -480,7 +487,7 @@ def _verdict(
     return "explained" if sure_claims else "ambiguous"
 
 
-def _cause_sizes(models: WeighedCauses, entry: RaceEntry) -> Iterator[CauseSize]:
+def _cause_sizes(models: WeighedCauses, entry: ModelEntry) -> Iterator[CauseSize]:
     for cause, values, variances in models.by_cause(entry):
         rows = zip(cause.names, values.tolist(), np.sqrt(variances).tolist(), strict=True)
         for name, value, deviation in rows:
@@ -488,7 +495,7 @@ def _cause_sizes(models: WeighedCauses, entry: RaceEntry) -> Iterator[CauseSize]
             yield CauseSize(label, cause.size * value, cause.size * deviation, cause.unit)
 
 
-def _at_platform(models: WeighedCauses, entry: RaceEntry) -> float:
+def _at_platform(models: WeighedCauses, entry: ModelEntry) -> float:
     """R.m.s. movement of the platform's origin by a model that no parameter takes over, metres."""
     if not entry.members:
         return 0.0

@@ -33,7 +33,7 @@ def left_out_gap(models: WeighedCauses, names: Names) -> LeftOutGap | None:
     if len(rows) < PARTS or models.spare - rows[::PARTS].size < FEWEST_SPARE:
         return None
     best = models.entries[0]
-    widths = [len(models.race.columns[k]) for k in best.members]
+    widths = [len(models.selection.columns[k]) for k in best.members]
     scaled = models.columns(best) * np.repeat(best.scales, widths)
     of_model = np.repeat([k in models.free.members for k in best.members], widths)
     is_named = [(models.causes[k].id, models.causes[k].where) in names for k in best.members]

@@ -66,7 +66,7 @@ class PostureTrial:
         Raises UnreachablePosture, CalibrationError.
         """
         names = [(cause.id, cause.where) for cause in models.causes]
-        cause, index = models.causes[names.index(name)], models.race.columns[names.index(name)]
+        cause, index = models.causes[names.index(name)], models.selection.columns[names.index(name)]
         places = Places.of(reference, models.calibration.machine, models.calibration.laid_over)
         alone = over_all(models, places)[:, index]
         misled = moved_by(models, places) @ models.given_way[:, index] + alone

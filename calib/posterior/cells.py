@@ -35,7 +35,7 @@ from calib.noise.repeats import Repeats, disagreeing, set_apart, typical_mm2
 from calib.noise.serial import independent, serial_correlation
 from calib.posterior.distances import Distances
 from calib.posterior.gaussian import About, LittleOfAll
-from calib.posterior.race import ADOPTED
+from calib.posterior.selection import ADOPTED
 from calib.posterior.statements import NOTHING, Statement
 from calib.tripod.effects.bars import LegLength
 from calib.tripod.effects.candidates import place_columns

@@ -15,8 +15,8 @@ from calib.posterior.library import Component
 from calib.posterior.library import laws as library_laws
 from calib.posterior.models import Posterior, WeightedModel
 from calib.posterior.problem import PosteriorProblem
-from calib.posterior.race import LIGHTEST
 from calib.posterior.screws import with_searched_leads
+from calib.posterior.selection import LIGHTEST
 from calib.posterior.statements import AS_STATED, DIRECTIONS, NOTHING, Statement
 from calib.posterior.tool import tool_field
 from calib.tripod.effects import CATALOGUE

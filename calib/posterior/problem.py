@@ -23,8 +23,8 @@ from calib.posterior.gaussian import About, LittleOfAll
 from calib.posterior.labels import RivalModel, SolvedSessions
 from calib.posterior.library import ELSE, Component, library
 from calib.posterior.models import LinearSessions, Posterior, WeightedModel, effects_of_tool
-from calib.posterior.race import SCALES, Key, Products, Race, RaceEntry
 from calib.posterior.readings import LENGTHS, Placed, Rows
+from calib.posterior.selection import SCALES, Key, ModelEntry, ModelSelection, Products
 from calib.posterior.tool import laws_held, tool_field
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import Effect, EffectInstance
@@ -122,7 +122,7 @@ class PosteriorProblem:
         return root
 
     def solved(self, *, with_play: bool = False) -> SolvedSessions[Posterior]:
-        """Race, then each model with its normal; the heaviest followed through the simulation.
+        """Models are weighed, then have a normal each; the heaviest follow the simulation.
 
         ``with_play``: of models in which a play reaches first takes that stand apart; without any
         the log evidence is -inf.
@@ -131,7 +131,7 @@ class PosteriorProblem:
         columns, residual = about.left_by(self._laws.whitened(self.columns)), about.left
         within = within_plays(self.sessions)
         log_usual, log_prior = log_priors(within, self.components)
-        race = Race(
+        selection = ModelSelection(
             Products(columns.T @ columns, columns.T @ residual, float(residual @ residual)),
             self.index,
             log_prior,
@@ -139,8 +139,8 @@ class PosteriorProblem:
             self.rows.freedom,
             self.rows.excess,
         )
-        entries = race.run()
-        models, log_evidence = self._weighted(race, entries, about)
+        entries = selection.entries()
+        models, log_evidence = self._weighted(selection, entries, about)
         if with_play:
             models, log_share = reached(models, within, self.components)
             log_evidence += log_share
@@ -154,10 +154,10 @@ class PosteriorProblem:
         constant = self.rows.log_constant + self._log_of_states() + self.log_of_lines + log_usual
         # something else explains any mistake away
         of_names = [entry for entry in entries if entry.members and not self._else(entry)]
-        heaviest = [race.entry(()), *of_names[:MOST_BESIDE]]
+        heaviest = [selection.entry(()), *of_names[:MOST_BESIDE]]
 
         def beside(number: int, *, alone: bool) -> list[RivalModel]:
-            models = self._single_names(race) if alone else heaviest
+            models = self._single_names(selection) if alone else heaviest
             return [RivalModel(m.log_weight + constant, self._beside(number, m)) for m in models]
 
         names = [k for k, law in enumerate(self.components) if law.kind in ("named", "beside")]
@@ -165,7 +165,7 @@ class PosteriorProblem:
         def with_one_name(number: int, change_mm: FloatArray) -> FloatArray:
             changed = self._laws.whitened(self._changed(number, change_mm))
             changed_rows = about.left[:, None] + about.left_by(changed)
-            return constant + race.best_singles(
+            return constant + selection.best_singles(
                 columns.T @ changed_rows, (changed_rows**2).sum(axis=0), names
             )
 
@@ -236,9 +236,9 @@ class PosteriorProblem:
         rows[begin : begin + len(change_mm)] = self.sessions[number].whitened(change_mm)
         return rows
 
-    def _single_names(self, race: Race) -> list[RaceEntry]:
+    def _single_names(self, selection: ModelSelection) -> list[ModelEntry]:
         """The likeliest names, each alone at its likeliest place; play at every place."""
-        log = race.log_weights()
+        log = selection.log_weights()
         best = {
             k: (float(log[row, k]), row)
             for k, row in enumerate(np.argmax(log, axis=0).tolist())
@@ -248,12 +248,14 @@ class PosteriorProblem:
         names = {self.components[k].id: k for k in reversed(ordered)}
         likeliest = [k for k in ordered if names[self.components[k].id] == k][:MOST_NAMES]
         plays = [k for k in ordered if self.components[k].id == Backlash.id]
-        return [race.entry(((k, SCALES[best[k][1]]),)) for k in dict.fromkeys([*likeliest, *plays])]
+        return [
+            selection.entry(((k, SCALES[best[k][1]]),)) for k in dict.fromkeys([*likeliest, *plays])
+        ]
 
-    def _else(self, entry: RaceEntry) -> bool:
+    def _else(self, entry: ModelEntry) -> bool:
         return any(self.components[k].id == ELSE for k in entry.members)
 
-    def _beside(self, number: int, entry: RaceEntry) -> FloatArray:
+    def _beside(self, number: int, entry: ModelEntry) -> FloatArray:
         """Columns ``(n_cells, r)`` of a model in a session, each of the size that it expects.
 
         Those of adopted effects are among them.
@@ -270,7 +272,7 @@ class PosteriorProblem:
         return self.sessions[0].case.model.geometry
 
     def _weighted(
-        self, race: Race, entries: Sequence[RaceEntry], about: About
+        self, selection: ModelSelection, entries: Sequence[ModelEntry], about: About
     ) -> tuple[list[WeightedModel], float]:
         models_by_key: dict[Key, tuple[float, WeightedModel]] = {}
         gained_by_key: dict[Key, float] = {}
@@ -279,13 +281,13 @@ class PosteriorProblem:
         moved = self._moved(about, along, about.left_by(white))
         mean = self._moved(about, about.along, about.left)
         mean[: len(self.rows.value)] += self.rows.value
-        plain = ModelFit(mean, self._root(about), moved, race.products.square, about.room)
+        plain = ModelFit(mean, self._root(about), moved, selection.products.square, about.room)
 
-        def add(entry: RaceEntry, *, follow: bool) -> None:
-            fit, gained = self._fitted(entry, race.products, plain), 0.0
+        def add(entry: ModelEntry, *, follow: bool) -> None:
+            fit, gained = self._fitted(entry, selection.products, plain), 0.0
             if follow and entry.members:
-                fit, gained = self._followed(race, entry, fit, about.room)
-            model, gained_by_key[entry.key] = self._model(race, entry, fit), gained
+                fit, gained = self._followed(selection, entry, fit, about.room)
+            model, gained_by_key[entry.key] = self._model(selection, entry, fit), gained
             log_weight = entry.log_weight + gained + self._log_possible(model)
             models_by_key[entry.key] = log_weight, model
 
@@ -293,7 +295,7 @@ class PosteriorProblem:
             add(entry, follow=number < REFINED)
         best = max(entries, key=lambda entry: models_by_key[entry.key][0])
         if gained_by_key[best.key]:
-            for entry in _fewer(race, entries, best):
+            for entry in _fewer(selection, entries, best):
                 add(entry, follow=True)
         log = np.array([log_weight for log_weight, _ in models_by_key.values()])
         share = np.exp(log - log.max())
@@ -305,11 +307,13 @@ class PosteriorProblem:
         ]
         return sorted(models, key=lambda model: -model.weight), log_evidence
 
-    def _model(self, race: Race, entry: RaceEntry, fit: ModelFit) -> WeightedModel:
+    def _model(self, selection: ModelSelection, entry: ModelEntry, fit: ModelFit) -> WeightedModel:
         """The model with what its noise adds to its deviations; not weighed yet."""
         inflated = 1.0
-        if not math.isinf(race.freedom):
-            inflation = (race.freedom + fit.square) / max(race.freedom + race.free - 2.0, 1.0)
+        if not math.isinf(selection.freedom):
+            inflation = (selection.freedom + fit.square) / max(
+                selection.freedom + selection.free - 2.0, 1.0
+            )
             inflated = math.sqrt(max(inflation, 1.0))
         members = entry.members, entry.scales, 0.0
         return WeightedModel(*members, fit.mean, fit.base, fit.sizes, inflated, self.everywhere)
@@ -347,16 +351,16 @@ class PosteriorProblem:
             at += len(self.components[k].unit)
         return log
 
-    def _index(self, entry: RaceEntry) -> IntArray:
+    def _index(self, entry: ModelEntry) -> IntArray:
         return np.concatenate([np.zeros(0, np.intp), *(self.index[k] for k in entry.members)])
 
-    def _unit(self, entry: RaceEntry) -> tuple[FloatArray, FloatArray]:
+    def _unit(self, entry: ModelEntry) -> tuple[FloatArray, FloatArray]:
         """Unit and scale ``(r,)`` of each size of a model."""
         units = [self.components[k].unit for k in entry.members]
         scales = [s * np.ones(len(u)) for s, u in zip(entry.scales, units, strict=True)]
         return np.concatenate([np.zeros(0), *units]), np.concatenate([np.zeros(0), *scales])
 
-    def _fitted(self, entry: RaceEntry, products: Products, plain: ModelFit) -> ModelFit:
+    def _fitted(self, entry: ModelEntry, products: Products, plain: ModelFit) -> ModelFit:
         """A model by its derivatives alone.
 
         Of the ``plain`` one ``sizes`` ``(b, k)`` are what each column moves the base by.
@@ -375,7 +379,7 @@ class PosteriorProblem:
         return ModelFit(mean, plain.base, root_of_model, square, room)
 
     def _refitted(
-        self, entry: RaceEntry, rows: Rows, block: FloatArray, at: FloatArray
+        self, entry: ModelEntry, rows: Rows, block: FloatArray, at: FloatArray
     ) -> ModelFit:
         """The fit about a solution; ``block`` ``(n, r)`` is per unit, ``at`` ``(r,)`` in units."""
         unit, scale = self._unit(entry)
@@ -397,10 +401,12 @@ class PosteriorProblem:
         )
 
     def _followed(
-        self, race: Race, entry: RaceEntry, fit: ModelFit, plain_room: float
+        self, selection: ModelSelection, entry: ModelEntry, fit: ModelFit, plain_room: float
     ) -> tuple[ModelFit, float]:
         """The fit about the model's own solution, and the log evidence that this gains."""
-        evidence_before = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
+        evidence_before = selection.log_evidence(
+            np.array(fit.square), np.array(fit.room - plain_room)
+        )
         try:
             models = self._models(entry, fit.mean)
             beyond = self._residual(models, entry, fit) - self._linear_residual(entry, fit)
@@ -411,15 +417,15 @@ class PosteriorProblem:
                 models = self._models(entry, fit.mean)
         except (NotIdentifiable, UnreachablePosture, ValueError):
             return fit, 0.0
-        evidence = race.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
+        evidence = selection.log_evidence(np.array(fit.square), np.array(fit.room - plain_room))
         return fit, float(evidence - evidence_before)
 
-    def _values(self, entry: RaceEntry, mean: FloatArray) -> list[FloatArray]:
+    def _values(self, entry: ModelEntry, mean: FloatArray) -> list[FloatArray]:
         """Values of each member."""
         widths = [len(self.components[k].unit) for k in entry.members]
         return np.split(mean[self.base.shape[1] :], np.cumsum(widths))[: len(widths)]
 
-    def _models(self, entry: RaceEntry, mean: FloatArray) -> tuple[Model, ...]:
+    def _models(self, entry: ModelEntry, mean: FloatArray) -> tuple[Model, ...]:
         """Each session's machine with the parameters and effects of a model."""
         effects = [
             effect
@@ -438,7 +444,7 @@ class PosteriorProblem:
             )
         return tuple(models)
 
-    def _linear_part(self, entry: RaceEntry, mean: FloatArray) -> FloatArray:
+    def _linear_part(self, entry: ModelEntry, mean: FloatArray) -> FloatArray:
         """What of these ``(exact,)`` is in no `_models`: a little of all, something else."""
         first = len(self.rows.spread)
         everywhere = mean[first : self.base.shape[1]]
@@ -448,7 +454,7 @@ class PosteriorProblem:
                 part = part + self.columns[:, self.index[k]] @ (values / self.components[k].unit)
         return np.asarray(part[: self.rows.exact])
 
-    def _residual(self, models: Sequence[Model], entry: RaceEntry, fit: ModelFit) -> FloatArray:
+    def _residual(self, models: Sequence[Model], entry: ModelEntry, fit: ModelFit) -> FloatArray:
         """What a model leaves of means of cells and of distances ``(exact,)``, whitened."""
         parts = [
             cells.whitened(cells.means.value_mm - model.readings(cells.means))
@@ -461,7 +467,7 @@ class PosteriorProblem:
         ]
         return np.concatenate(parts) - self._linear_part(entry, fit.mean)
 
-    def _linear_residual(self, entry: RaceEntry, fit: ModelFit) -> FloatArray:
+    def _linear_residual(self, entry: ModelEntry, fit: ModelFit) -> FloatArray:
         """The residual by derivatives alone ``(exact,)``."""
         count, value = self.rows.exact, np.zeros(len(self.base_root))
         value[: len(self.rows.value)] = self.rows.value
@@ -470,7 +476,7 @@ class PosteriorProblem:
         columns = self.columns[:count, self._index(entry)]
         return np.asarray(self.rows.residual[:count] - self.base[:count] @ base - columns @ sizes)
 
-    def _about(self, models: Sequence[Model], entry: RaceEntry, fit: ModelFit) -> ModelFit:
+    def _about(self, models: Sequence[Model], entry: ModelEntry, fit: ModelFit) -> ModelFit:
         """One step of Gauss and Newton; readings within cells stay as they were.
 
         A law that acts twice, the second time from nothing, has the derivatives of the first for
@@ -497,13 +503,15 @@ class PosteriorProblem:
         return self._refitted(entry, rows, block, at)
 
 
-def _fewer(race: Race, entries: Sequence[RaceEntry], best: RaceEntry) -> list[RaceEntry]:
+def _fewer(
+    selection: ModelSelection, entries: Sequence[ModelEntry], best: ModelEntry
+) -> list[ModelEntry]:
     """The best model without each of its components, at each scale that was not followed.
 
     A component may have stood for what is beyond the derivatives of the others.
     """
     parts = [(*best.key[:k], *best.key[k + 1 :]) for k in range(len(best.key))]
-    fewer = {tuple(member for member, _ in part): race.entry(part) for part in parts}
+    fewer = {tuple(member for member, _ in part): selection.entry(part) for part in parts}
     members_of_entries = {entry.members for entry in entries}
     light = [entry for entry in entries[REFINED:] if entry.members in fewer]
     return [

@@ -14,7 +14,7 @@ from tests.conftest import ROOT
 
 PAGE = ROOT / "docs" / "reliability.md"
 STATS = "tests/calib/test_stats.py::"
-RACE = "tests/calib/posterior/test_race.py::"
+RACE = "tests/calib/posterior/test_selection.py::"
 FIRST, LAST = 11, 15
 """Lines of a function in the middle of its module."""
 

@@ -16,7 +16,7 @@ from calib.diagnosis.held_out import left_out_postures, on_other_sessions
 from calib.posterior.cells import Cells
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
-from calib.posterior.race import LOG_CAUSES, LOG_SCALES, SCALES
+from calib.posterior.selection import LOG_CAUSES, LOG_SCALES, SCALES
 from calib.tripod.effects.effect import EffectInstance
 from tests.calib.diagnosis.diagnosed_sessions import LAWS, SHORT, SWEEP, case
 from tests.conftest import LONG, first_quick

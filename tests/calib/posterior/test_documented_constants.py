@@ -19,7 +19,7 @@ from calib.posterior import (
     labels,
     library,
     problem,
-    race,
+    selection,
     statements,
     tool_errors,
 )
@@ -46,9 +46,9 @@ def part(value: float) -> str:
 
 SORTS = library.SORTS
 HARMONICS_IN_WORDS = {2: "two", 3: "three", 4: "four"}[empirical.HARMONICS]
-CAUSES = np.exp(race.LOG_CAUSES)
-SCALES = [f"{scale:g}" for scale in race.SCALES]
-PRIORS = [f"{prior:g}" for prior in np.exp(race.LOG_SCALES).round(12)]
+CAUSES = np.exp(selection.LOG_CAUSES)
+SCALES = [f"{scale:g}" for scale in selection.SCALES]
+PRIORS = [f"{prior:g}" for prior in np.exp(selection.LOG_SCALES).round(12)]
 STATED = [statement.prior for statement in statements.AS_STATED]
 CASES = [f"{prior:g}" for prior in CAUSES.round(12)]
 
@@ -71,7 +71,7 @@ CASES = [f"{prior:g}" for prior in CAUSES.round(12)]
         f"with $h = {cells.HOMING_MM:g}$ mm",
         f"With a probability of {CHANGED:g} they changed nevertheless: "
         f"$h$ = {CHANGES_MM[0]:g} or {CHANGES_MM[1]:g} mm",
-        f"$\\alpha \\sim N(0, \\max({race.ADOPTED:g}u, z)^2)$",
+        f"$\\alpha \\sim N(0, \\max({selection.ADOPTED:g}u, z)^2)$",
         f"Distances of towers correlate by {cells.ALIKE:g}.",
         "Seven cases have the priors {:g}, all free; {:g}, directions and travel as stated; "
         "{:g}, also a flat plate, and bars, to {:g} mm, but for what all have in common; "
@@ -81,9 +81,9 @@ CASES = [f"{prior:g}" for prior in CAUSES.round(12)]
         ),
         f"these have {1.0 - TYPED_IN:g} of the prior.",
         f"each round the plate by {cells.ROUND_GUESSED:g} times that.",
-        f"the best {race.PAIRS} pairs at all scales, "
-        f"and every third component beside the {race.TRIPLES_FROM} heaviest pairs. "
-        f"Models below $10^{{{math.log10(race.LIGHTEST):.0f}}}$ are dropped.",
+        f"the best {selection.PAIRS} pairs at all scales, "
+        f"and every third component beside the {selection.TRIPLES_FROM} heaviest pairs. "
+        f"Models below $10^{{{math.log10(selection.LIGHTEST):.0f}}}$ are dropped.",
         f"in less than $10^{{{math.log10(display.CHANCE):.0f}}}$",
         f"beyond {repeats.DISAGREES:g} typical deviations from its repeats it leaves mean and "
         f"noise; beyond {cells.USUAL:g} $\\sigma$ its weight is {cells.USUAL:g} $\\sigma$/distance",

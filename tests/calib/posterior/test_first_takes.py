@@ -15,7 +15,7 @@ from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.first_takes import WITHIN, WithinPlay, first_takes_apart
 from calib.posterior.library import library
 from calib.posterior.posterior import posterior
-from calib.posterior.race import SCALES
+from calib.posterior.selection import SCALES
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model

@@ -18,7 +18,7 @@ import numpy as np
 
 from calib.arrays import FloatArray, IntArray
 
-if TYPE_CHECKING:  # its library is of tripods, and a race of any machine
+if TYPE_CHECKING:  # its library is of tripods, and a selection of any machine
     from calib.posterior.library import Component
 
 SCALES = (1.0, 4.0, 16.0, 64.0)
@@ -56,8 +56,8 @@ Key = tuple[tuple[int, float], ...]
 
 
 @dataclass(frozen=True)
-class RaceEntry:
-    """A model of the race: its components, the scale of each, and its log weight."""
+class ModelEntry:
+    """A model that is weighed: its components, the scale of each, and its log weight."""
 
     members: tuple[int, ...]
     scales: tuple[float, ...]
@@ -106,8 +106,8 @@ class ExplainedPart:
 
 
 @dataclass(frozen=True, eq=False)
-class Race:
-    """What runs: columns ``columns[k]`` of component k, its log prior, and what tells the noise.
+class ModelSelection:
+    """Components to select from: columns ``columns[k]`` of each, log priors, what tells the noise.
 
     ``log_prior`` ``(k,)`` is spread over the scales, or has a row for each, ``(scales, k)``.
     ``excess`` is the square sum of readings that disagree with their repeats.
@@ -132,14 +132,14 @@ class Race:
         remainder = np.maximum(self.freedom + self.excess + square, 1e-9)
         return np.asarray(room - 0.5 * (self.freedom + self.free) * np.log(remainder))
 
-    def entry(self, key: Key) -> RaceEntry:
+    def entry(self, key: Key) -> ModelEntry:
         """One model, weighed alone."""
         explained = self._explained_part(key, slice(0))
         square = np.array(self.products.square - float(explained.along @ explained.along))
         room = np.array(self.products.room + explained.room)
         cost = float(LOG_CAUSES[len(key)]) + sum(self._cost(*member) for member in key)
         log_weight = float(self.log_evidence(square, room)) + cost
-        return RaceEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log_weight)
+        return ModelEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log_weight)
 
     def _explained_part(self, key: Key, columns: slice) -> ExplainedPart:
         index = np.concatenate([np.zeros(0, np.intp), *(self.columns[k] for k, _ in key)])
@@ -207,7 +207,7 @@ class Race:
         log[:, [member for member, _ in key]] = -math.inf
         return log
 
-    def run(self, lightest: float = LIGHTEST) -> list[RaceEntry]:
+    def entries(self, lightest: float = LIGHTEST) -> list[ModelEntry]:
         """Every model of more weight than the ``lightest``, the heaviest first.
 
         All pairs are tried; of triples those that hold one of the heaviest pairs.
@@ -229,7 +229,7 @@ class Race:
         share = np.exp(logs - logs.max())
         share /= share.sum()
         entries = [
-            RaceEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log)
+            ModelEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log)
             for (key, log), part in zip(weights.items(), share, strict=True)
             if part > lightest
         ]

@@ -27,7 +27,7 @@ LEAST_MM = 1e-4
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredDistance:
     """A distance between two places of the tool, and where that stands, for messages."""
 
     from_mm: Triple
@@ -38,12 +38,12 @@ class Measured:
     deviation_mm: float | None = None
 
 
-def distances_of_table(path: Path) -> tuple[Measured, ...]:
+def distances_of_table(path: Path) -> tuple[MeasuredDistance, ...]:
     """The distances of a table. Raises RecordError naming line, column and value."""
     return tuple(_measured(row) for row in rows_of_table(path)[0])
 
 
-def _measured(row: Row) -> Measured:
+def _measured(row: Row) -> MeasuredDistance:
     if "distance_mm" not in row.fields:
         raise RecordError(
             f"table {row.path}, header",
@@ -55,7 +55,7 @@ def _measured(row: Row) -> Measured:
     for names in (FROM, TO):
         x, y, z = (row.number(name) for name in names)
         places.append((x, y, z))
-    return Measured(
+    return MeasuredDistance(
         places[0],
         places[1],
         row.number("distance_mm"),
@@ -66,7 +66,7 @@ def _measured(row: Row) -> Measured:
 
 
 def checked(
-    measured: Sequence[Measured], geometry: Geometry, deviation_mm: float | None = None
+    measured: Sequence[MeasuredDistance], geometry: Geometry, deviation_mm: float | None = None
 ) -> tuple[Distance, ...]:
     """Lines of the record, numbered from 1; ``deviation_mm`` of those that state none.
 
@@ -80,7 +80,7 @@ def checked(
     )
 
 
-def _checked(number: int, entry: Measured, geometry: Geometry, usual_mm: float) -> Distance:
+def _checked(number: int, entry: MeasuredDistance, geometry: Geometry, usual_mm: float) -> Distance:
     for place in (entry.from_mm, entry.to_mm):
         if not (geometry.reach_mm2(np.array(place)) > 0.0).all():
             at = ", ".join(f"{value:g}" for value in place)

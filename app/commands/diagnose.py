@@ -11,7 +11,7 @@ import typer
 from app.machines.options import (
     Answer,
     AsJson,
-    Diagnosing,
+    DiagnosisRequest,
     Force,
     argument,
     file,
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def _of_own_form(
-    context: typer.Context, sessions: list[Path], request: Diagnosing, *, as_json: bool
+    context: typer.Context, sessions: list[Path], request: DiagnosisRequest, *, as_json: bool
 ) -> bool:
     """Whether these are sessions of another form, then told. Raises UsageError for options."""
     verbs = family_of_files(None, sessions).sessions
@@ -83,7 +83,7 @@ def diagnose(
     as_json: AsJson = False,
 ) -> None:
     """What is missing in the model, and where it shows. The gap before and after."""
-    request = Diagnosing(model, adopt, candidate, force)
+    request = DiagnosisRequest(model, adopt, candidate, force)
     _refuse_idle(context, sessions, request, aliases=aliases)
     if sessions and _of_own_form(context, sessions, request, as_json=as_json):
         return
@@ -121,7 +121,7 @@ def diagnose(
 
 
 def _refuse_idle(
-    context: typer.Context, sessions: list[Path] | None, request: Diagnosing, *, aliases: bool
+    context: typer.Context, sessions: list[Path] | None, request: DiagnosisRequest, *, aliases: bool
 ) -> None:
     """Raises UsageError for what would do nothing beside the other options."""
     if request.candidate and not request.adopt:

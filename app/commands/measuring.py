@@ -22,7 +22,7 @@ from app.machines.options import (
     MacroName,
     PrintableRadius,
     Protocol,
-    Running,
+    RunRequest,
     Seed,
     argument,
     figure,
@@ -126,7 +126,7 @@ def run(
     if family.sessions is not None:
         if wrong := typed(context, OF_INDICATORS["run"]):
             raise UsageError(wrong, f"the machine {family.name}", "machines read on their legs")
-        running = Running(
+        running = RunRequest(
             *(machine, protocol, output, resume, operator, temperature, note, seed),
             *(simulated, dry_run, tuple(indicator or ())),
         )

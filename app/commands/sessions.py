@@ -19,7 +19,7 @@ from app.machines.options import (
     Answer,
     AsJson,
     Force,
-    Importing,
+    ImportRequest,
     Output,
     Protocol,
     Seed,
@@ -128,8 +128,8 @@ def import_table(
     if family.sessions is not None:
         _check_postures(context, name, source)
         remarks, day = tuple(remark or ()), _day(measured_on)
-        importing = Importing(source[0], output, machine, protocol, template, remarks, day, force)
-        family.sessions.imported(importing, options, say)
+        request = ImportRequest(source[0], output, machine, protocol, template, remarks, day, force)
+        family.sessions.imported(request, options, say)
     elif template:
         _write_template(source, machine, protocol, force=force)
     else:

@@ -38,7 +38,7 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.screens.hexaslide_result import HexaSlideResultScreen
 
 NAMES = ("hexaslide",)
-Measured = Annotated[
+MeasuredDistance = Annotated[
     str, typer.Option(help="Hexa Slide: measured components, such as x,y,z,theta,swing1.")
 ]
 Known = Annotated[
@@ -57,7 +57,7 @@ def _parts_known(typed: str | None) -> tuple[str, ...] | None:
 class IdentifiabilityOptions:
     """Options of ``identifiability``."""
 
-    measured: Measured = ""
+    measured: MeasuredDistance = ""
     known: Known = None
     postures: Annotated[
         int | None, typer.Option(help="Hexa Slide: random postures.", min=1, max=10_000)
@@ -157,7 +157,7 @@ Hexa Slide     another machine: what can be identified, drawn, and where
 class PostureOptions:
     """Options of ``postures``."""
 
-    measured: Measured = ""
+    measured: MeasuredDistance = ""
     known: Known = None
     posture_file: Annotated[Path | None, file("Hexa Slide: .csv or .json file to start from.")] = (
         None

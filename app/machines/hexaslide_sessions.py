@@ -14,9 +14,9 @@ import typer
 from app.exit_codes import Exit
 from app.machines.options import (
     Answer,
-    Diagnosing,
-    Importing,
-    Running,
+    DiagnosisRequest,
+    ImportRequest,
+    RunRequest,
     Say,
     SessionVerbs,
     file,
@@ -91,7 +91,7 @@ def _plan(
     )
 
 
-def imported(importing: Importing, options: ImportOptions, say: Say) -> None:
+def imported(importing: ImportRequest, options: ImportOptions, say: Say) -> None:
     """A session of a table, or the table to be filled in."""
     from dataclasses import replace
 
@@ -127,7 +127,7 @@ def imported(importing: Importing, options: ImportOptions, say: Say) -> None:
     say(f"{counted(len(session.readings), 'posture')} written to {output}")
 
 
-def run(running: Running, options: RunOptions, say: Say) -> None:
+def run(running: RunRequest, options: RunOptions, say: Say) -> None:
     """Posture after posture: simulated, or typed in a terminal."""
     from app.measuring.hexaslide import PostureTaking, measure_simulated
     from app.report.streams import need_terminal
@@ -160,7 +160,7 @@ def run(running: Running, options: RunOptions, say: Say) -> None:
     say(f"{counted(len(taking.session.readings), 'posture')} in {taking.path}")
 
 
-def _begun(running: Running, options: RunOptions) -> PosturePlan:
+def _begun(running: RunRequest, options: RunOptions) -> PosturePlan:
     from dataclasses import replace
 
     from app.measuring.hexaslide import INDICATED
@@ -350,7 +350,7 @@ def verified(
     return answer, verification.decision or "undecided"
 
 
-def diagnosed(path: Path, request: Diagnosing, say: Say) -> Answer:
+def diagnosed(path: Path, request: DiagnosisRequest, say: Say) -> Answer:
     """What is missing in the model of the machine, and the model with it."""
     from app.evaluating.hexaslide_adoption import adopted, diagnose_postures, write_model
     from app.report.schema.hexaslide_diagnosis import HexaSlideDiagnosisReport

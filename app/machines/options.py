@@ -332,7 +332,7 @@ Plan = Callable[[str | None, Sequence[Path], Any, Say], Answer]
 
 
 @dataclass(frozen=True)
-class Importing:
+class ImportRequest:
     """A table and the session to write, None: with ``template`` the table itself is written."""
 
     source: Path
@@ -346,7 +346,7 @@ class Importing:
 
 
 @dataclass(frozen=True)
-class Running:
+class RunRequest:
     """What a session of its own kind of machine is asked with, as on the command line."""
 
     machine: str | None
@@ -363,7 +363,7 @@ class Running:
 
 
 @dataclass(frozen=True)
-class Diagnosing:
+class DiagnosisRequest:
     """How a session is diagnosed: beside a ``model``; the model to write with a named effect, or
     with a ``candidate``, replaced where ``replace`` says so.
     """
@@ -387,13 +387,13 @@ class SessionVerbs:
     it stands, without an effect where one is named, for a reason.
     """
 
-    run: Callable[[Running, Any, Say], None]
-    imported: Callable[[Importing, Any, Say], None]
+    run: Callable[[RunRequest, Any, Say], None]
+    imported: Callable[[ImportRequest, Any, Say], None]
     validated: Callable[[Path], str]
     replayed: Callable[[Path, Say], Answer]
     exported: Callable[[Path, str], tuple[Contents, tuple[str, ...]]]
     verified: Callable[[Path, Path, float | None], tuple[Answer, str]]
-    diagnosed: Callable[[Path, Diagnosing, Say], Answer]
+    diagnosed: Callable[[Path, DiagnosisRequest, Say], Answer]
     compared: Callable[[Path, Path], Answer]
     reported: Callable[[Path, Path | None, float | None, CertificateHead | None], ReportSource]
     modelled: Callable[[Path, str, str], tuple[str, str]]

@@ -10,7 +10,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.widgets import Static
 
-from app.dialogue.correcting import other_port
+from app.dialogue.corrections import other_port
 from app.exit_codes import exit_code
 from app.measuring.opening import PlanCheck
 from app.measuring.plan import Plan

@@ -11,7 +11,7 @@ from typing import ClassVar, TypeVar
 from textual import work
 from textual.screen import Screen
 
-from app.dialogue.correcting import Correcting
+from app.dialogue.corrections import CorrectionDialogue
 from app.evaluating.solution import solve_files
 from app.measuring.attended import AttendedSession
 from app.measuring.plan import Plan
@@ -35,7 +35,7 @@ class Corrections(MainScreen[None]):
         super().__init__()
         self.guided, self.plan = guided, plan
         self.attended = AttendedSession(guided)
-        self.correcting = Correcting(self, guided)
+        self.correcting = CorrectionDialogue(self, guided)
         self.busy = self.asking = False
 
     @abstractmethod
@@ -95,7 +95,7 @@ class Corrections(MainScreen[None]):
         return screen_of("result.ResultScreen", solve_files([path]), self.plan, path)
 
     def action_correct(self, correction: str) -> None:
-        """Repeat, take back, skip or set up anew, as `Correcting` calls it."""
+        """Repeat, take back, skip or set up anew, as `CorrectionDialogue` calls it."""
         if not self.busy:
             by_hand = correction in ("undo", "earlier")
             self.converse(getattr(self.correcting, correction), by_hand=by_hand)

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from app.dialogue.adopting import Adopting
+from app.dialogue.adoption import AdoptionDialogue
 from app.evaluating.diagnosis import SessionDiagnosis
 from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
@@ -41,7 +41,7 @@ class DiagnoseScreen(PagedScreen[None]):
 
     def __init__(self, paths: Sequence[Path]) -> None:
         super().__init__()
-        self.adopting = Adopting(self, paths)
+        self.adopting = AdoptionDialogue(self, paths)
         self.diagnosed: SessionDiagnosis | None = None
 
     def begin(self) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.arrays import FloatArray
 from calib.errors import RecordError, UsageError
-from protocols.distance_table import Measured
+from protocols.distance_table import MeasuredDistance
 from protocols.machine import Instrument, Machine, machine_text
 from protocols.observations import BY_HAND, SAME_PLACE_MM
 from protocols.printers import klipper, marlin, repetier, reprapfirmware
@@ -49,7 +49,7 @@ class ImportedPrinter:
     contacts: tuple[Reading, ...]
     machine_file: str | None
     oddities: tuple[str, ...]
-    distances: tuple[Measured, ...] = ()
+    distances: tuple[MeasuredDistance, ...] = ()
 
 
 class Dialect(Protocol):

@@ -19,7 +19,7 @@ import numpy as np
 from calib.errors import RecordError, UnreachablePosture
 from calib.tripod import UPRIGHT_TOWERS
 from calib.tripod.geometry import USUAL_ANGLES_DEG
-from protocols.distance_table import Measured
+from protocols.distance_table import MeasuredDistance
 from protocols.documents import MOST_EDITED_BYTES, Triple
 from protocols.printers.gcode import NUMBER_END, Texts, read_printed
 from protocols.printers.tower_printer import (
@@ -286,7 +286,7 @@ def _gearing(config: Config, stepper: str) -> float:
 
 def _measured(
     config: Config, printer: TowerPrinter, step_mm: Triple, oddities: list[str]
-) -> tuple[tuple[Contact, ...], tuple[Measured, ...]]:
+) -> tuple[tuple[Contact, ...], tuple[MeasuredDistance, ...]]:
     """Contacts and distances of the saved block; what is not used of it goes to ``oddities``."""
     keys = config.keys(CALIBRATION)
     keys_of_contacts: set[str] = set()
@@ -338,14 +338,14 @@ def _contact(config: Config, printer: TowerPrinter, step_mm: Triple, key: str) -
     )
 
 
-def _distance(config: Config, printer: TowerPrinter, step_mm: Triple, key: str) -> Measured:
+def _distance(config: Config, printer: TowerPrinter, step_mm: Triple, key: str) -> MeasuredDistance:
     """Between places on the plate; the steps count from the switches, as those of heights do."""
     value_mm = config.number(CALIBRATION, key, above=0.0)
     ends = [f"{key}_pos{end}" for end in (1, 2)]
     first, second = (_place(config, printer, step_mm, end, 0.0) for end in ends)
     steps = ", ".join(f"{end}: {config.text(CALIBRATION, end)}" for end in ends)
     subject = f"{SUBJECT} {config.path}, [{CALIBRATION}] {key}"
-    return Measured(first, second, value_mm, f"{key}: {value_mm:g}, {steps}", subject)
+    return MeasuredDistance(first, second, value_mm, f"{key}: {value_mm:g}, {steps}", subject)
 
 
 def _place(

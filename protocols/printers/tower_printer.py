@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from calib.arrays import FloatArray
 from calib.errors import RecordError
 from calib.tripod.geometry import FURTHEST_DEG, USUAL_ANGLES_DEG, trilaterate
-from protocols.distance_table import Measured
+from protocols.distance_table import MeasuredDistance
 from protocols.documents import Triple, describe
 from protocols.machine import Drive, Machine
 from protocols.procedure import USUAL_PRINTABLE_MM
@@ -65,7 +65,7 @@ class FileContent:
     printer: TowerPrinter | None
     contacts: tuple[Contact, ...]
     oddities: tuple[str, ...] = ()
-    distances: tuple[Measured, ...] = ()
+    distances: tuple[MeasuredDistance, ...] = ()
     beside_mm: Pair = (0.0, 0.0)
 
 

@@ -23,7 +23,7 @@ from protocols.files import unused_path
 from protocols.model_file import ModelFile, read_model_file
 
 
-class Adopting:
+class AdoptionDialogue:
     """A ``person`` makes something of the diagnosis of sessions, with the effects of a ``model``.
 
     Conversations return whether there is something else to diagnose now.

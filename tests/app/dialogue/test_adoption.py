@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
-from app.dialogue.adopting import Adopting
+from app.dialogue.adoption import AdoptionDialogue
 from protocols.model_file import read_model_file
 from tests.app.dialogue.scripted import Scripted
 from tests.hidden_sessions import bowed_session
@@ -15,7 +15,7 @@ def test_what_is_named_goes_into_a_model_and_is_diagnosed_with_it(tmp_path: Path
     session = bowed_session(tmp_path)
     model = session.with_name("bow [x]_model.json")
     person = Scripted(None, "adopt leg_bow", None, "adopt leg_bow", str(model))
-    adopting = Adopting(person, [session])
+    adopting = AdoptionDialogue(person, [session])
     diagnosed, adopted = adopting.diagnose()
     assert adopted == ""
     assert not asyncio.run(adopting.adopt(diagnosed)), "no choice"

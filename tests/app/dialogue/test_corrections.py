@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import pytest
 
-from app.dialogue.correcting import Correcting, other_port
+from app.dialogue.corrections import CorrectionDialogue, other_port
 from app.dialogue.hexaslide import MOST_POSTURES, asked_count, asked_request
 from app.measuring import indicators
 from app.measuring.session import GuidedSession
@@ -38,7 +38,7 @@ def test_a_step_is_measured_again_with_a_reason_or_not_at_all(tmp_path: Path) ->
     with session(tmp_path / "s.jsonl") as (guided, _):
         measure(guided)
         person = Scripted(None, "step   2", "", "step   2", "bumped")
-        correcting = Correcting(person, guided)
+        correcting = CorrectionDialogue(person, guided)
         assert not asked(correcting.earlier())
         assert person.lines == []
         assert not asked(correcting.earlier())
@@ -58,7 +58,7 @@ def test_readings_that_were_replaced_are_used_again(tmp_path: Path) -> None:
         last = guided.last_step
         again = f"step {last:>3}"
         person = Scripted(again, "No", again, "Yes")
-        correcting = Correcting(person, guided)
+        correcting = CorrectionDialogue(person, guided)
         assert asked(correcting.undo())
         assert "is next again" in person.lines[-1]
         assert not asked(correcting.earlier())
@@ -70,7 +70,7 @@ def test_readings_that_were_replaced_are_used_again(tmp_path: Path) -> None:
 def test_the_rest_of_a_leg_is_skipped_and_a_stand_set_up_anew(tmp_path: Path) -> None:
     with session(tmp_path / "s.jsonl") as (guided, _):
         person = Scripted("No", "Yes", None, "The rest of leg X", "no room")
-        correcting = Correcting(person, guided)
+        correcting = CorrectionDialogue(person, guided)
         assert not asked(correcting.remount())
         assert asked(correcting.remount())
         assert not asked(correcting.skip())

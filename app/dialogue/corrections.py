@@ -36,7 +36,7 @@ async def other_port(
 
 
 @dataclass(frozen=True)
-class Correcting:
+class CorrectionDialogue:
     """The ``person`` who attends a session corrects it.
 
     Each correction returns whether anything is another now; those raise RecordError of a disk that

@@ -351,6 +351,23 @@ async def test_a_board_that_cannot_tell_is_homed_by_the_operators_word(tmp_path:
         await moved.go()
 
 
+async def test_a_board_that_was_not_homed_is_homed_from_here(tmp_path: Path) -> None:
+    async with measuring(tmp_path, "grbl") as moved:
+        await moved.says("G moves it to Zero")
+        await moved.pilot.pause(QUIET_S)
+        await moved.pilot.press("g")
+        await until(
+            moved.pilot, "question", lambda: isinstance(moved.interface.screen, ChoiceDialog)
+        )
+        await moved.pilot.press("2")
+        await moved.dialog()
+        assert "found not homed" in text(moved.interface, "#event")
+        await moved.pilot.pause(QUIET_S)
+        await moved.pilot.press("h")
+        await moved.comes(State.READY)
+        await moved.go()
+
+
 @LONG
 async def test_a_machine_that_does_not_stop_is_said_in_red_until_it_does(tmp_path: Path) -> None:
     async with measuring(tmp_path) as moved:

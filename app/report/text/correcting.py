@@ -104,12 +104,12 @@ class Correcting:
         return False
 
     async def homing(self) -> bool:
-        """Whether the machine was homed since it was switched on, or shall be now."""
+        """Whether the machine was homed since it was switched on."""
         answer = await self.person.choice(motion.HOMED_QUESTION, motion.HOMED_CHOICES)
         if self.guided.mover and answer == "homed":
             self.guided.mover.line.homing_confirmed = True
-        elif self.guided.mover and answer == "home":
-            self.guided.mover.home()
+        elif self.guided.mover and answer == "not homed":
+            self.guided.mover.line.deny_homing()
         self.guided.note(f"homing: {answer or 'not answered'}")
         return False
 

@@ -149,17 +149,20 @@ def _consent(guided: GuidedSession, mover: Mover) -> None:
 
 
 def _wait(guided: GuidedSession, mover: Mover) -> None:
-    """Wait until the machine rests. Raises MotionError for what stopped it, unless it is over."""
-    fault_words = None
+    """Wait until the machine rests. Raises MotionError for what stopped it.
+
+    Only a silent indicator that answers again is over by itself.
+    """
+    silences = set[str | None]()
     while True:
         mover.line.alive()
         guided.follow_proof()
-        fault_words = lost_words(guided) or fault_words
+        silences.add(lost_words(guided))
         if mover.proving:
             release_lost(guided)
         state = mover.state
-        if state is State.HELD and fault_words is not None:
-            _indicators_back(guided, fault_words)
+        if state is State.HELD and mover.why in silences:
+            _indicators_back(guided, mover.why)
             mover.answer().result()
             return
         if mover.interrupted or state is State.STOPPED:

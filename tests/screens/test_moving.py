@@ -478,3 +478,26 @@ async def test_a_note_that_comes_when_the_record_is_let_go_of_is_refused(tmp_pat
         await asyncio.to_thread(moved.screen.guided.leave)
         await moved.pilot.press("x", "enter")
         await moved.says("found a closed record")
+
+
+async def test_a_note_that_is_typed_on_answers_no_dialog(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its letters, and the Enter behind them, go to the dialog that came over it."""
+    async with measuring(tmp_path) as moved:
+        await moved.says("G moves it to Zero")
+        await moved.pilot.press("n")
+        await until(moved.pilot, "question", lambda: isinstance(moved.interface.screen, TextDialog))
+        monkeypatch.setattr("app.screens.session_view.DEAD_S", 2.0)
+        moved.bench.axes.go((0.0, 5.0, 0.0), 600.0)
+        dialog = await moved.dialog()
+        end_s = time.monotonic() + 2.5
+        while time.monotonic() < end_s:
+            await moved.pilot.press("o")
+        await moved.pilot.press("enter")
+        await moved.pilot.pause(0.3)
+        assert moved.interface.screen is dialog
+        assert moved.mover.state is State.HELD
+        await moved.pilot.pause(2.1)
+        await moved.pilot.press("enter")
+        await moved.comes(State.READY)

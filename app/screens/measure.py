@@ -25,6 +25,7 @@ from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog, once, screen_of
 from app.screens.pages import KeyLine, Resting, apart, is_left
 from app.screens.session_view import LegReviewScreen, MotionDialog, SessionScreen, SessionView
+from calib.printable import with_capital
 from drivers.motion.states import State
 from protocols.clock import SleepWatch
 from protocols.expectation import Movement
@@ -182,7 +183,7 @@ class MeasureScreen(Corrections, SessionScreen, Resting):
             instruments = self.view.rename(*at)
             self._show_step()
             await apart(self, propose_again, self.plan.machine, instruments)
-            self.say(f"{self.guided.name_of(at[0]).capitalize()} is read from here on.")
+            self.say(f"{with_capital(self.guided.name_of(at[0]))} is read from here on.")
 
     def _tell_motion(self) -> bool:
         """One line when a machine that moves itself does something else; a stop is a hold.

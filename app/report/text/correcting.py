@@ -15,6 +15,7 @@ from app.report.text import session as texts
 from app.report.text.errand import Person
 from app.report.text.home import PORT_HINT
 from calib.errors import GlidecalError
+from calib.printable import with_capital
 from drivers.port import check_port
 
 
@@ -156,5 +157,5 @@ class Correcting:
         reason = await self.person.line(question, "reason", as_before)
         if reason:
             writing(reason)
-        self.person.say(words.replace("{}", reason) if reason else as_before.capitalize())
+        self.person.say(words.replace("{}", reason) if reason else with_capital(as_before))
         return bool(reason)

@@ -127,12 +127,16 @@ def _go(
             guided.answer_proof(yes=saw(proof.question))
         if proof is not None and proof.wrong:
             raise _not_proved(proof)
+        if (fault_words := lost_words(guided)) is not None:
+            _indicators_back(guided, fault_words)
+            continue
         proposal = mover.proposal
         if proposal is None:
             continue
         if not confirm(proposal):
             raise MotionError("consent", "not given", "a consent to each way of the machine")
-        _consent(guided, mover)
+        if lost_words(guided) is None:  # else it is asked again when all of them answer
+            _consent(guided, mover)
 
 
 def _not_proved(proof: Proof) -> MotionError:

@@ -371,3 +371,20 @@ def test_a_consent_from_before_an_interference_moves_nothing(tmp_path: Path) -> 
             measure_all(guided, agree)
         assert mover.state is State.HELD
         assert not twin.moves
+
+
+def test_nothing_moves_without_a_screen_while_an_indicator_gives_no_value(tmp_path: Path) -> None:
+    questions: list[MoveProposal] = []
+    with moving_session(tmp_path / "a.jsonl", profile=PROMPT) as (guided, bench, twin):
+
+        def agree(proposal: MoveProposal) -> bool:
+            questions.append(proposal)
+            bench.unplugged = len(questions) == 1
+            assert comes_true(lambda: (lost_words(guided) is not None) is bench.unplugged)
+            threading.Timer(0.3, lambda: setattr(bench, "unplugged", False)).start()
+            return len(questions) == 1
+
+        with pytest.raises(MotionError, match="consent: found not given"):
+            measure_all(guided, agree)
+        assert not twin.moves
+    assert len(questions) == 2

@@ -127,17 +127,17 @@ def test_the_operator_says_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_what_is_typed_ahead_answers_no_question(monkeypatch: pytest.MonkeyPatch) -> None:
     """A double "y" at the first question would say that the machine was homed."""
     operator, terminal = os.openpty()
-    confirm = typer.confirm
+    ask = typer.confirm
 
     def shown(question: str, *, err: bool) -> bool:
         os.write(operator, b"n\n")
-        return confirm(question, err=err)
+        return ask(question, err=err)
 
     monkeypatch.setattr("typer.confirm", shown)
     with os.fdopen(terminal, encoding="utf-8") as stream:
         monkeypatch.setattr("sys.stdin", stream)
         os.write(operator, b"y\n")
-        assert not measuring._confirm(HOMED_QUESTION)
+        assert not measuring.confirm(HOMED_QUESTION)
     os.close(operator)
 
 

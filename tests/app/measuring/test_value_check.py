@@ -83,7 +83,7 @@ def test_whatever_a_profile_reads_a_record_takes(
     text = re.sub(r"[0-9]*\.[0-9]+", number, reply, count=1)
     outcome = profile.parse(text, Query(unit=unit))
     if isinstance(outcome, IndicatorReading):
-        Reading(
+        reading = Reading(
             reading=1,
             leg="x",
             axis="y",
@@ -93,6 +93,7 @@ def test_whatever_a_profile_reads_a_record_takes(
             mount="xy",
             resolution_mm=outcome.resolution_mm,
         )
+        assert reading.value_mm == outcome.value_mm
 
 
 def test_more_decimals_than_a_record_takes_are_no_answer() -> None:

@@ -29,6 +29,11 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
+def with_capital(text: str) -> str:
+    """The text with a capital at its beginning; ports, paths and units in it stay as they are."""
+    return f"{text[:1].upper()}{text[1:]}"
+
+
 def _escaped(character: str) -> str:
     units = character.encode("utf-16-be", "surrogatepass").hex()
     return "".join(f"\\u{units[k : k + 4]}" for k in range(0, len(units), 4))

@@ -34,6 +34,9 @@ UNITS = (
 LARGEST_MM = 100_000.0
 """No indicator measures further; records allow no more."""
 
+LEAST_STEP_MM = Decimal("1e-9")
+"""No indicator shows finer steps; records allow none."""
+
 
 @dataclass(frozen=True)
 class IndicatorReading:
@@ -105,9 +108,9 @@ def reading(text: str, number: str, query: Query, unit: Unit | None = None) -> O
         return not_understood(text)
     value = Decimal(number.replace(" ", ""))
     factor = MILLIMETRES[query.unit]
-    if abs(value) * factor > LARGEST_MM:
-        return not_understood(text)
     step = Decimal(1).scaleb(int(value.as_tuple().exponent)) * factor
+    if abs(value) * factor > LARGEST_MM or step < LEAST_STEP_MM:
+        return not_understood(text)
     return IndicatorReading(
         text=text,
         value_mm=float(value * factor),

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from itertools import pairwise
 
+from protocols.documents import LONGEST_S
 from protocols.session import Event, Reading
 
 JUMP_S = 2.0
@@ -46,6 +47,11 @@ class SleepWatch:
         return steady - awake if steady - awake > JUMP_S else 0.0
 
 
+BREAK_S = 3.2e7
+"""A year: a longer break is a clock that was set, as of a computer that begins in 1970 each time
+it is switched on."""
+
+
 def wall() -> datetime:
     """What the clock of the computer shows."""
     return datetime.now(UTC)
@@ -54,8 +60,8 @@ def wall() -> datetime:
 class SessionClock:
     """Time of one session in the life of one program.
 
-    Across an interruption only the wall clock knows how long it was; where that went back, the
-    interruption counts nothing.
+    Across an interruption only the wall clock knows how long it was; where that went back, or on by
+    more than `BREAK_S`, the interruption counts nothing.
     """
 
     def __init__(
@@ -70,8 +76,8 @@ class SessionClock:
         self._ahead_s = self._wall_ahead_s()
 
     def time_s(self) -> float:
-        """Seconds since the session began."""
-        return self._steady_s() - self._began_s
+        """Seconds since the session began, as many as a record takes."""
+        return min(self._steady_s() - self._began_s, LONGEST_S)
 
     def jump_s(self) -> float:
         """By how much the wall clock was set since the last look; 0 where it was not."""
@@ -87,7 +93,8 @@ def _reached_s(events: Sequence[Event]) -> float:
     """Session time at the last event: of the last reading that has one, and the gaps since."""
     reached_s = 0.0
     for earlier, event in pairwise(events):
-        reached_s += max(0.0, (event.at - earlier.at).total_seconds())
+        gap_s = (event.at - earlier.at).total_seconds()
+        reached_s += gap_s if 0.0 < gap_s < BREAK_S else 0.0
         if isinstance(event, Reading) and event.time_s is not None:
             reached_s = event.time_s
     return reached_s

@@ -47,7 +47,8 @@ FigureMm = Annotated[float, Field(ge=0.0, le=100.0), AfterValidator(_is_figure)]
 """What is stated of an indicator; one that shows whole inches resolves 25.4 mm."""
 
 Tolerance = Annotated[float, Field(ge=1e-9, le=100.0)]
-Seconds = Annotated[float, Field(ge=-1e9, le=1e9)]
+LONGEST_S = 1e9
+Seconds = Annotated[float, Field(ge=-LONGEST_S, le=LONGEST_S)]
 Celsius = Annotated[float, Field(ge=-300.0, le=2000.0)]
 LARGEST_COUNT = 1_000_000
 Count = Annotated[int, Field(ge=1, le=LARGEST_COUNT)]

@@ -293,7 +293,7 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = WITHOUT_A_SCREEN) ->
     quick = replace(plan, interval_s=QUICK_INTERVAL_S)
     with start_session(quick, partial(_ask, plan)) as guided:
         try:
-            measure_all(guided, _consent, say, _saw)
+            measure_all(guided, _consent, say, confirm)
         except BaseException as problem:
             if guided.mover is not None:
                 end_motion(guided.mover, say)
@@ -304,31 +304,25 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = WITHOUT_A_SCREEN) ->
 
 
 def _consent(proposal: MoveProposal) -> bool:
-    """The operator's word, typed after the question was shown: nothing typed before counts."""
+    """The operator's word; what is typed within the dead time was meant for what moved before."""
     from app.report.text.motion import consent_question
 
     _wait_dead_time()
-    return _confirm(consent_question(proposal))
+    return confirm(consent_question(proposal))
 
 
-def _saw(question: str) -> bool:
-    """What the operator saw, typed after the question was shown."""
-    _forget_typed()
-    return _confirm(question)
-
-
-def _confirm(question: str) -> bool:
+def confirm(question: str) -> bool:
+    """The operator's word, typed after the question was shown: nothing typed before counts."""
     from app.report.text.tables import wrapped
 
+    _forget_typed()
     return typer.confirm(wrapped(question), err=True)
 
 
 def _wait_dead_time() -> None:
-    """What was typed within it was meant for what moved before, and is dropped."""
     from drivers.motion.line import DEAD_S
 
     time.sleep(DEAD_S)
-    _forget_typed()
 
 
 def _confirm_homed(mover: Mover) -> None:
@@ -343,10 +337,10 @@ def _confirm_homed(mover: Mover) -> None:
     line = mover.line
     if not line.can_home and not line.needs_homing_confirmed:
         return
-    if line.can_home or not _confirm(HOMED_QUESTION):
+    if line.can_home or not confirm(HOMED_QUESTION):
         say(wrapped(mover.why))
         _wait_dead_time()
-        if not _confirm(HOME_QUESTION):
+        if not confirm(HOME_QUESTION):
             raise typer.Exit(Exit.INTERRUPTED)
         home(mover, say)
     else:
@@ -387,7 +381,7 @@ def _ask(plan: Plan, indicators: Indicators) -> None:
 
     if indicators.mover is not None:
         typer.echo(plan_text(plan, indicators.mover.line.facts), err=True)
-        if not _confirm(QUESTION):
+        if not confirm(QUESTION):
             raise typer.Exit(Exit.INTERRUPTED)
         _confirm_homed(indicators.mover)
 

@@ -15,6 +15,7 @@ from app.report.text import motion, questions
 from app.report.text import session as texts
 from app.report.text.home import PORT_HINT
 from calib.errors import GlidecalError
+from calib.printable import with_capital
 from drivers.port import check_port
 
 
@@ -104,12 +105,12 @@ class CorrectionDialogue:
         return False
 
     async def homing(self) -> bool:
-        """Whether the machine was homed since it was switched on, or shall be now."""
+        """Whether the machine was homed since it was switched on."""
         answer = await self.person.choice(motion.HOMED_QUESTION, motion.HOMED_CHOICES)
         if self.guided.mover and answer == "homed":
             self.guided.mover.line.homing_confirmed = True
-        elif self.guided.mover and answer == "home":
-            self.guided.mover.home()
+        elif self.guided.mover and answer == "not homed":
+            self.guided.mover.line.deny_homing()
         self.guided.note(f"homing: {answer or 'not answered'}")
         return False
 
@@ -156,5 +157,5 @@ class CorrectionDialogue:
         reason = await self.person.line(question, "reason", as_before)
         if reason:
             writing(reason)
-        self.person.say(text.replace("{}", reason) if reason else as_before.capitalize())
+        self.person.say(text.replace("{}", reason) if reason else with_capital(as_before))
         return bool(reason)

@@ -220,11 +220,12 @@ class Gauge:
     def lost(self, *, moving: bool = False) -> str | None:
         """Why there is no reading now: a fault, or silence that its pace does not explain."""
         live = self.live()
+        if live.outcome is None:
+            return "no answer yet"
         if isinstance(live.outcome, Fault):
             return live.outcome.words
         longest_s = self._lost_s if moving else self._stale_s
-        silent = live.outcome is not None and live.age_s > longest_s
-        return f"silent for {live.age_s:.1f} s" if silent else None
+        return f"silent for {live.age_s:.1f} s" if live.age_s > longest_s else None
 
     def _trace(self) -> Trace:
         """What of the last 20 s there is, the band of rest about the latest window."""

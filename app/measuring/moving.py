@@ -144,6 +144,12 @@ class Mover:
         self._from_mm: Triple | None = None
         line.listener = lambda: self.on_news()
 
+    def exchange(self) -> None:
+        """Each indicator is at the port of the other, before the first move."""
+        self._gauges = self._gauges[::-1]
+        if self.proof is not None:
+            self.proof.exchange()
+
     @property
     def state(self) -> State:
         """What the machine may do now."""

@@ -146,6 +146,8 @@ class PlanCheck:
         """The spindle that moved is the one that was asked for: its port belongs there."""
         assert self.spindles is not None, "exchangeable"
         self.spindles.exchange()
+        if indicators.mover is not None:
+            indicators.mover.exchange()
         return replace(indicators, gauges=indicators.gauges[::-1])
 
     def look(self, states: Sequence[Live]) -> tuple[bool, bool]:

@@ -116,6 +116,10 @@ class Proof:
         with suppress(RecordError):  # then it is proved again
             self._proved = "" if anew else _remembered().machines.get(machine.name, "")
 
+    def exchange(self) -> None:
+        """Each indicator is at the port of the other."""
+        self._instruments = self._instruments[::-1]
+
     def needed(self, facts: Sequence[str]) -> bool:
         """Whether this machine behind this controller, which reports these facts, is unproved."""
         return self._proved != self._digest(facts)

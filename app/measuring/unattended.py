@@ -127,13 +127,17 @@ def _go(
             guided.answer_proof(yes=saw(proof.question))
         if proof is not None and proof.wrong:
             raise _not_proved(proof)
+        if (fault_words := lost_words(guided)) is not None:
+            _indicators_back(guided, fault_words)
+            continue
         proposal = mover.proposal
         if proposal is None:
             time.sleep(LOOK_S)
             continue
         if not confirm(proposal):
             raise MotionError("consent", "not given", "a consent to each way of the machine")
-        _consent(guided, mover)
+        if lost_words(guided) is None:  # else it is asked again when all of them answer
+            _consent(guided, mover)
 
 
 def _not_proved(proof: Proof) -> MotionError:
@@ -150,17 +154,20 @@ def _consent(guided: GuidedSession, mover: Mover) -> None:
 
 
 def _wait(guided: GuidedSession, mover: Mover) -> None:
-    """Wait until the machine rests. Raises MotionError for what stopped it, unless it is over."""
-    fault_words = None
+    """Wait until the machine rests. Raises MotionError for what stopped it.
+
+    Only a silent indicator that answers again is over by itself.
+    """
+    silences = set[str | None]()
     while True:
         mover.line.alive()
         guided.follow_proof()
-        fault_words = lost_words(guided) or fault_words
+        silences.add(lost_words(guided))
         if mover.proving:
             release_lost(guided)
         state = mover.state
-        if state is State.HELD and fault_words is not None:
-            _indicators_back(guided, fault_words)
+        if state is State.HELD and mover.why in silences:
+            _indicators_back(guided, mover.why)
             mover.answer().result()
             return
         if mover.interrupted or state is State.STOPPED:

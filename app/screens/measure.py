@@ -19,12 +19,15 @@ from app.measuring.lost import LostIndicators
 from app.measuring.moving import Mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
+from app.measuring.unattended import lost_words
 from app.report.text import motion, questions
 from app.report.text import session as texts
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog, once, screen_of
 from app.screens.pages import KeyLine, Resting, apart, is_left
 from app.screens.session_view import LegReviewScreen, MotionDialog, SessionScreen, SessionView
+from calib.errors import sentence
+from calib.printable import with_capital
 from drivers.motion.states import State
 from protocols.clock import SleepWatch
 from protocols.expectation import Movement
@@ -182,7 +185,7 @@ class MeasureScreen(Corrections, SessionScreen, Resting):
             instruments = self.view.rename(*at)
             self._show_step()
             await apart(self, propose_again, self.plan.machine, instruments)
-            self.say(f"{self.guided.name_of(at[0]).capitalize()} is read from here on.")
+            self.say(f"{with_capital(self.guided.name_of(at[0]))} is read from here on.")
 
     def _tell_motion(self) -> bool:
         """One line when a machine that moves itself does something else; a stop is a hold.
@@ -313,8 +316,8 @@ class MeasureScreen(Corrections, SessionScreen, Resting):
             self.converse(self.correcting.homing)
         elif mover.unproved and mover.unproved.question:
             self.converse(self.correcting.proof)
-        elif faults := self._faults():  # it would be stopped as soon as it moves
-            self.say(faults[0])
+        elif fault_words := lost_words(self.guided):  # it would be stopped as soon as it moves
+            self.say(f"FAULT: {sentence(fault_words)}")
         elif mover.consent():
             self.attended.on_hold = False
             self.attended.take_by_itself(True)

@@ -362,7 +362,7 @@ class MotionDialog(Dialog[None]):
     def __init__(self, mover: Mover) -> None:
         super().__init__()
         self._mover = mover
-        self._opened_s = time.monotonic()
+        self._calm_s = time.monotonic()
         self._event = Static("", id="event", markup=False)
 
     def compose(self) -> ComposeResult:
@@ -382,8 +382,16 @@ class MotionDialog(Dialog[None]):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """No key at first; each only where it is an answer."""
-        dead = time.monotonic() - self._opened_s < DEAD_S
-        return action not in self._mover.unfit_answers and not dead
+        return action not in self._mover.unfit_answers and not self._dead
+
+    @property
+    def _dead(self) -> bool:
+        return time.monotonic() - self._calm_s < DEAD_S
+
+    def on_key(self) -> None:
+        """A key within the dead time begins it anew: a note that is typed on is no answer."""
+        if self._dead:
+            self._calm_s = time.monotonic()
 
     def action_answer(self) -> None:
         """The operator looked: is all well again? What is still wrong is shown."""

@@ -217,6 +217,14 @@ class MotionLine:
                 self._calm_s = time.monotonic()
         self.listener()
 
+    def deny_homing(self) -> None:
+        """The operator says that it is not homed, where only homing by this program helps."""
+        self.controller.locked = True  # until it is asked again whether it is ready
+        next_step = "Its positions are unknown until it is homed."
+        self._interrupt(
+            self.controller.fault(MotionFault.NOT_READY, "not homed", "a homed machine", next_step)
+        )
+
     def go(self, places_mm: Sequence[Triple], feed_mm_min: float) -> Future[Triple]:
         """Move to these places one after the other, each waited for, within the present consent."""
         consent = self._consent

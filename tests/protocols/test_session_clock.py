@@ -13,6 +13,7 @@ import pytest
 
 from app.evaluating.loading import load_sessions
 from protocols.clock import AWAY_S, SessionClock, SleepWatch, steady_s
+from protocols.documents import LONGEST_S
 from protocols.journal import write_whole
 from protocols.observations import to_observations
 from protocols.session import Continued, Event, Noted, fold
@@ -95,7 +96,7 @@ def test_a_busy_computer_did_not_sleep(
     assert watch.slept_s() == 0.0
 
 
-@pytest.mark.parametrize(("paused_s", "counted_s"), [(600.0, 600.0), (-3000.0, 0.0)])
+@pytest.mark.parametrize(("paused_s", "counted_s"), [(600.0, 600.0), (-3000.0, 0.0), (1.79e9, 0.0)])
 def test_a_break_counts_as_the_wall_clock_says_and_never_back(
     paused_s: float, counted_s: float
 ) -> None:
@@ -106,6 +107,14 @@ def test_a_break_counts_as_the_wall_clock_says_and_never_back(
     clock = clocks.of(begun(), first, noted, again)
     clocks.now_s += 5.0
     assert clock.time_s() == pytest.approx(80.0 + 10.0 + counted_s + 5.0)
+
+
+def test_no_time_is_longer_than_a_record_takes() -> None:
+    last = reading(1).model_copy(update={"at": BEGIN, "time_s": LONGEST_S})
+    clocks = Clocks()
+    clock = clocks.of(begun(), last)
+    clocks.now_s += 5.0
+    assert clock.time_s() == LONGEST_S
 
 
 def test_times_that_go_back_are_told_and_not_used(tmp_path: Path) -> None:

@@ -303,7 +303,7 @@ async def test_home_offers_an_interrupted_session_first(
 
 async def test_pulled_cable_in_the_middle_of_a_session(tmp_path: Path) -> None:
     """One line tells that the indicator is gone, another that it is back; nothing is lost."""
-    gauge = tmp_path / "gauge"
+    gauge = tmp_path / "ttyUSB0"
     first = TwinPort(still_twin(), default_transport())
     point_to(gauge, first.url)
     instrument = Instrument(profile="mitutoyo-01a", port=str(gauge))
@@ -320,7 +320,8 @@ async def test_pulled_cable_in_the_middle_of_a_session(tmp_path: Path) -> None:
             IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.7, 0.001)), default_transport()
         ) as second:
             point_to(gauge, second.url)
-            await until(pilot, "back", lambda: "answers again" in text(interface, "#said"))
+            back = f"Indicator 1 (mitutoyo-01a, {gauge}) answers again."
+            await until(pilot, "back", lambda: back in text(interface, "#said"))
             await take(pilot, screen)
             await pilot.press("f10")
             await until(pilot, "left", lambda: interface.guided is None)

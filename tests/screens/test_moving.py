@@ -351,6 +351,23 @@ async def test_a_board_that_cannot_tell_is_homed_by_the_operators_word(tmp_path:
         await moved.go()
 
 
+async def test_a_board_that_was_not_homed_is_homed_from_here(tmp_path: Path) -> None:
+    async with measuring(tmp_path, "grbl") as moved:
+        await moved.says("G moves it to Zero")
+        await moved.pilot.pause(QUIET_S)
+        await moved.pilot.press("g")
+        await until(
+            moved.pilot, "question", lambda: isinstance(moved.interface.screen, ChoiceDialog)
+        )
+        await moved.pilot.press("2")
+        await moved.dialog()
+        assert "found not homed" in text(moved.interface, "#event")
+        await moved.pilot.pause(QUIET_S)
+        await moved.pilot.press("h")
+        await moved.comes(State.READY)
+        await moved.go()
+
+
 @LONG
 async def test_a_machine_that_does_not_stop_is_said_in_red_until_it_does(tmp_path: Path) -> None:
     async with measuring(tmp_path) as moved:
@@ -461,3 +478,26 @@ async def test_a_note_that_comes_when_the_record_is_let_go_of_is_refused(tmp_pat
         await asyncio.to_thread(moved.screen.guided.leave)
         await moved.pilot.press("x", "enter")
         await moved.says("found a closed record")
+
+
+async def test_a_note_that_is_typed_on_answers_no_dialog(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its letters, and the Enter behind them, go to the dialog that came over it."""
+    async with measuring(tmp_path) as moved:
+        await moved.says("G moves it to Zero")
+        await moved.pilot.press("n")
+        await until(moved.pilot, "question", lambda: isinstance(moved.interface.screen, TextDialog))
+        monkeypatch.setattr("app.screens.session_view.DEAD_S", 2.0)
+        moved.bench.axes.go((0.0, 5.0, 0.0), 600.0)
+        dialog = await moved.dialog()
+        end_s = time.monotonic() + 2.5
+        while time.monotonic() < end_s:
+            await moved.pilot.press("o")
+        await moved.pilot.press("enter")
+        await moved.pilot.pause(0.3)
+        assert moved.interface.screen is dialog
+        assert moved.mover.state is State.HELD
+        await moved.pilot.pause(2.1)
+        await moved.pilot.press("enter")
+        await moved.comes(State.READY)

@@ -24,6 +24,7 @@ from calib.arrays import LEG_NAMES, FloatArray
 from calib.control_chart import WatchedQuantity
 from calib.diagnosis.results import SEEN, Cell
 from calib.identify.solution import Solution
+from calib.printable import with_capital
 from protocols.procedure import Step
 from protocols.session import Session
 
@@ -42,7 +43,7 @@ def readings_by_posture(session: Session, step: Step) -> Chart:
         points = [point for row in rows for point in row.minus_zero_mm.items()]
         series.append(series_of(f"along {axis.upper()}", points))
     quantity = "far end minus near end" if step.over_plane else "readings minus Zero"
-    title = f"{step.touched[:1].upper()}{step.touched[1:]}: {quantity}"
+    title = f"{with_capital(step.touched)}: {quantity}"
     x_words = "number of the position" if step.leg == "tool" else "displacement, mm"
     return Chart(title, x_words, "mm", tuple(s for s in series if s.x))
 

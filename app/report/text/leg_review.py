@@ -8,6 +8,7 @@ from app.measuring.leg_review import LegReview, Usual, review_leg
 from app.report.text.session import step_name
 from app.report.text.tables import difference_words, new_table, paragraphs, signed
 from calib.errors import GlidecalError
+from calib.printable import with_capital
 from protocols.procedure import Step
 from protocols.session import Session
 
@@ -84,7 +85,7 @@ def review_verdict(review: LegReview, session: Session) -> str:
             name = step_name(session.steps()[worst.furthest.step - 1], session)
             off = f"is {signed(worst.furthest_mm)} mm off its repeats"
             again = "{measure.hold} holds the session, then {measure.earlier} measures it again."
-            warning += f" {name[0].upper()}{name[1:]}, {off}: {again}"
+            warning += f" {with_capital(name)}, {off}: {again}"
         return warning
     if all(along.standard_deviation_mm is None for along in review.axes):
         return "Without repeats the scatter is not known."

@@ -181,7 +181,7 @@ HOMED_QUESTION = (
 HOME_QUESTION = "Home it now: all carriages go to their switches. Nobody at the machine"
 HOMED_CHOICES = (
     ("homed", "It was homed, I saw it"),
-    ("home", "Home it now: all carriages go to their switches. Nobody is at the machine"),
+    ("not homed", "It was not, or I do not know"),
 )
 
 

@@ -31,6 +31,7 @@ from app.report.text.home import (
 from app.report.text.session import cycle_words, mdi_line, visits_of
 from app.report.text.tables import new_table, paragraphs
 from calib.errors import GlidecalError
+from calib.printable import with_capital
 from calib.tripod.geometry import Geometry
 from drivers.profile import Evidence, Unit
 from protocols.machine import Instrument, Machine
@@ -193,7 +194,7 @@ OPENING = "Opening the indicators …"
 def adapter_lines(instruments: Sequence[Instrument]) -> list[str]:
     """For each indicator whose adapter is at another port now, which."""
     return [
-        f"{indicator_words(k, instruments[k]).capitalize()}: its adapter is at {port} now."
+        f"{with_capital(indicator_words(k, instruments[k]))}: its adapter is at {port} now."
         for k, port in moved_adapters(instruments).items()
     ]
 
@@ -216,7 +217,7 @@ def trial_text(trial: SpindleCheck, step: Step) -> str:
     axis = step.axes[step.indicators.index(trial.number_due)] if reads else instrument.axes[0]
     axis = f"along {axis.upper()}"
     findings = {
-        PushResult.OTHER: f"{second_name.capitalize()} moved. Was it the one {axis}? Then "
+        PushResult.OTHER: f"{with_capital(second_name)} moved. Was it the one {axis}? Then "
         "{check.exchange} exchanges the ports. Else: ",
         PushResult.BOTH: "More than one moved. One at a time: ",
         PushResult.SIGN: f"Pushed in it reads {trial.last}, {instrument.pushed_in} is stated: "
@@ -225,7 +226,4 @@ def trial_text(trial: SpindleCheck, step: Step) -> str:
     }
     where = "at the tool" if step.leg == "tool" else f"of {step.touched}"
     sentence = findings.get(trial.finding, "") + f"push in the spindle {axis} {where}"
-    return (
-        f"{sentence[0].upper()}{sentence[1:]} and let it go: {first_name}. {{check.begin}} "
-        "begins without."
-    )
+    return f"{with_capital(sentence)} and let it go: {first_name}. {{check.begin}} begins without."

@@ -10,6 +10,7 @@ from app.measuring.lost import LostNews
 from app.report.text.session import cycle_words, step_name
 from app.report.text.tables import signed, uncertain
 from calib.errors import sentence
+from calib.printable import with_capital
 from drivers.profile import FaultKind
 from protocols.procedure import Step, posture_words
 from protocols.session import Session
@@ -32,7 +33,7 @@ def question_text(step_taken: TakenStep, session: Session) -> str:
         question = "Which of these two is wrong? Look at posture, unit and sign now."
         return "\n".join([first, *rows, *zeros, question])
     name = step_name(step_taken.step, session)
-    lines = [f"{name[0].upper()}{name[1:]}:", *_off_lines(step_taken, session)]
+    lines = [f"{with_capital(name)}:", *_off_lines(step_taken, session)]
     if len(rows) > 2:  # a heading and more than the step itself
         lines += ["Its repeats agree with each other:", *rows]
     if _same_again(step_taken, session):
@@ -261,7 +262,7 @@ def lost_text(name: str, news: LostNews, *, alone: bool = True) -> str:
     ``alone``: no other one of the step is lost.
     """
     if news.fault is None:
-        return f"{name.capitalize()} answers again.{' Continue with this step.' * alone}"
+        return f"{with_capital(name)} answers again.{' Continue with this step.' * alone}"
     fault_words = f"FAULT: {name}: {sentence(news.fault.words)} The session waits."
     if news.elsewhere:
         return (

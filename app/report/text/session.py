@@ -17,7 +17,7 @@ from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, paragraphs, signed
 from calib.arrays import LEG_NAMES
 from calib.errors import sentence
-from calib.printable import counted
+from calib.printable import counted, with_capital
 from calib.tripod.geometry import COORDINATES, Geometry
 from drivers.profile import Fault
 from protocols.expectation import Movement
@@ -90,7 +90,7 @@ def taken_text(step_taken: TakenStep) -> str:
 def not_taken_text(faults: Sequence[Fault]) -> str:
     """Why readings of a step were not taken."""
     first, *more_faults = (sentence(fault.words) for fault in faults)
-    sentences = [first, *(text[0].upper() + text[1:] for text in more_faults)]
+    sentences = [first, *map(with_capital, more_faults)]
     return f"Not taken: {' '.join(sentences)}"
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import _thread
 import io
+import os
 import re
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,6 +19,7 @@ import typer
 from app.commands import measuring
 from app.measuring.plan import Plan
 from app.measuring.simulated import simulated_session
+from app.report.text.motion import HOMED_QUESTION
 from calib.errors import MotionError, UsageError
 from calib.tripod.pipeline import Model
 from drivers.motion.guard import DETACHED
@@ -118,6 +121,24 @@ def test_the_operator_says_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
             measuring.measure(plan_of(tmp_path, twin.endpoint, ports), headless=True)
         assert exit_info.value.exit_code == 130
         assert not twin.moves
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
+def test_what_is_typed_ahead_answers_no_question(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A double "y" at the first question would say that the machine was homed."""
+    operator, terminal = os.openpty()
+    ask = typer.confirm
+
+    def shown(question: str, *, err: bool) -> bool:
+        os.write(operator, b"n\n")
+        return ask(question, err=err)
+
+    monkeypatch.setattr("typer.confirm", shown)
+    with os.fdopen(terminal, encoding="utf-8") as stream:
+        monkeypatch.setattr("sys.stdin", stream)
+        os.write(operator, b"y\n")
+        assert not measuring.confirm(HOMED_QUESTION)
+    os.close(operator)
 
 
 def test_a_machine_that_is_not_homed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -185,3 +185,9 @@ def test_the_trace_holds_the_last_20_s_with_the_band_of_rest(indicator: Told) ->
     assert indicator.gauge.live().trace().moments[-1][0] == 3, "nothing heard for so long"
     indicator.now_s += 20.0
     assert indicator.gauge.live().trace() == Trace()
+
+
+def test_an_indicator_that_never_answered_is_missed(indicator: Told) -> None:
+    assert indicator.gauge.lost(moving=True) == indicator.gauge.lost() == "no answer yet"
+    indicator.hear(reading(1.0))
+    assert indicator.gauge.lost() is None

@@ -16,7 +16,7 @@ from app.measuring.demo import SelfMovingBench, demo_plan
 from app.measuring.moving import REST_S, MoveProposal, Mover, ways_of
 from app.measuring.opening import open_indicators, start_session
 from app.measuring.simulated import BenchSettings
-from app.measuring.unattended import measure_all
+from app.measuring.unattended import lost_words, measure_all
 from calib.errors import IndicatorError, MotionError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.exchange import Exchange
@@ -349,3 +349,42 @@ def test_zero_is_zero_where_a_controller_rounds_its_place(tmp_path: Path) -> Non
             go((0.0, told_mm, 0.0))
             values.append(shown_mm())
     assert values[0] == values[1] == values[2]
+
+
+def test_a_consent_from_before_an_interference_moves_nothing(tmp_path: Path) -> None:
+    """Somebody jogs it while the question waits, and an indicator is silent for a moment."""
+    with moving_session(tmp_path / "a.jsonl", profile=PROMPT) as (guided, bench, twin):
+        mover = guided.mover
+        assert mover is not None
+
+        def agree(_: MoveProposal) -> bool:
+            if bench.axes.to_mm[2] != 1.0:
+                return False
+            bench.unplugged = True
+            bench.axes.go((3.0, -2.0, 5.0), 6000.0)
+            assert comes_true(lambda: mover.state is State.HELD)
+            assert comes_true(lambda: lost_words(guided) is not None)
+            threading.Timer(0.3, lambda: setattr(bench, "unplugged", False)).start()
+            return True
+
+        with pytest.raises(MotionError, match="not at the commanded position"):
+            measure_all(guided, agree)
+        assert mover.state is State.HELD
+        assert not twin.moves
+
+
+def test_nothing_moves_without_a_screen_while_an_indicator_gives_no_value(tmp_path: Path) -> None:
+    questions: list[MoveProposal] = []
+    with moving_session(tmp_path / "a.jsonl", profile=PROMPT) as (guided, bench, twin):
+
+        def agree(proposal: MoveProposal) -> bool:
+            questions.append(proposal)
+            bench.unplugged = len(questions) == 1
+            assert comes_true(lambda: (lost_words(guided) is not None) is bench.unplugged)
+            threading.Timer(0.3, lambda: setattr(bench, "unplugged", False)).start()
+            return len(questions) == 1
+
+        with pytest.raises(MotionError, match="consent: found not given"):
+            measure_all(guided, agree)
+        assert not twin.moves
+    assert len(questions) == 2

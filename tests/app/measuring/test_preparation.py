@@ -7,15 +7,17 @@ from pathlib import Path
 
 import pytest
 
+from app.measuring.gauges import PushResult, SpindleCheck
 from app.measuring.indicators import remember
 from app.measuring.preparation import Form, Preparation, ProfileTrial, retyped
-from app.report.text.preparing import indicator_fields, prepared_texts
+from app.report.text.preparing import indicator_fields, prepared_texts, trial_text
 from app.settings import data_path
 from calib.errors import UsageError
 from drivers.profile import Spindle
 from drivers.profiles import PROFILES
 from drivers.twins import IndicatorTwin, TwinPort
-from protocols.machine import Instrument
+from protocols.machine import Instrument, Machine
+from protocols.procedure import load_procedure
 
 EMPTY = dict.fromkeys(
     ("machine", "serial", "place", "operator", "temperature", "note", "random", "motion"), ""
@@ -121,3 +123,13 @@ def test_a_trial_finds_who_fits_and_nothing_once_it_is_stopped(
     assert not gone.run(print)[0].well
     with pytest.raises(UsageError, match="port: found none"):
         ProfileTrial({})
+
+
+def test_a_port_keeps_its_capitals_at_the_beginning_of_a_sentence() -> None:
+    """A port of another case is another port."""
+    two = tuple(Instrument(profile="sylvac", port=f"/dev/ttyUSB{k}", axes="yx") for k in range(2))
+    step = load_procedure("zero-max-min", Machine().geometry()).steps(
+        Machine().geometry(), ("yx", "zx")
+    )[0]
+    words = trial_text(SpindleCheck(two, finding=PushResult.OTHER), step)
+    assert words.startswith("Indicator 2 (sylvac, /dev/ttyUSB1) moved.")

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from app.measuring.moving import MoveProposal, limits_of
-from app.measuring.opening import start_session
+from app.measuring.opening import PlanCheck, start_session
 from app.measuring.plan import Plan
 from app.measuring.proof import FEED_MM_MIN, Proof, proved_path
 from app.measuring.session import GuidedSession
@@ -147,6 +147,25 @@ def test_each_carriage_is_proved_before_anything_longer(controller: str, tmp_pat
     words = notes(plan.path)
     assert "carriage Y 5 mm outward" in words
     assert "direction, order and scale of every carriage" in words
+
+
+def test_ports_that_were_exchanged_before_it_are_not_read_as_carriages(tmp_path: Path) -> None:
+    with unproved(tmp_path) as (plan, bench, _):
+        along_y, along_z = plan.instruments
+        short = along_z.model_copy(update={"travel_mm": 2.0})
+        check = PlanCheck(replace(plan, instruments=(short, along_y)))
+        indicators = check.open()
+        check.find_spindles()
+        assert indicators is not None
+        operator = Operator(bench, to_the_end=False)
+        with (
+            check.begin(check.exchange(indicators)) as guided,
+            pytest.raises(MotionError, match="consent: found not given"),
+        ):
+            measure_all(guided, operator.agree, lambda _: None, operator.saw)
+    assert "direction, order and scale of every carriage" in notes(plan.path)
+    ways_mm = [proposal.proof.way_mm for proposal in operator.proposals if proposal.proof]
+    assert ways_mm == [5.0, 5.0, 1.0]
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,6 @@ from app.report.pages.two_pages import (
     Section,
     celsius_words,
     first_page,
-    limits_of,
     second_page,
 )
 from app.report.text.correction import (
@@ -120,7 +119,7 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
     """The report of results that are there."""
     result, verified = calibration.result, calibration.verification
     diagnosis = calibration.diagnosed.diagnosis
-    has_view, limits = result.view_solution is not None, limits_of(calibration)
+    has_view, limits = result.view_solution is not None, calibration.limits
     legs = leg_figures(result) if has_view else ()
     sections = [
         Section(

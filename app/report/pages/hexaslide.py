@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from app.evaluating.hexaslide import PostureResult
 from app.evaluating.hexaslide_calibration import CalibratedMachine, VerifiedMachine
 from app.evaluating.posture_history import Decision
 from app.report.certificate import NOT_JUDGED, CertificateHead
@@ -31,7 +30,6 @@ from app.report.pages.two_pages import (
 )
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import (
-    caveats,
     check_words,
     figure_lines,
     is_shown_better,
@@ -121,7 +119,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
             Section("What is left at each posture", _charts(calibration)),
             Section(
                 "Limits of this result",
-                shortened_limits(_all_limits(result, document), LONGEST),
+                shortened_limits(certified.limits, LONGEST),
             ),
         ],
         sections=[
@@ -134,7 +132,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
                 "Parameters",
                 [parameter_table(document), *figure_lines(document, calibration.fit.factor)],
             ),
-            Section("What limits this result", _all_limits(result, document)),
+            Section("What limits this result", certified.limits),
             Section("What is missing from the model", missing_parts(result)),
             Section(
                 "What the calibrated machine leaves",
@@ -290,11 +288,6 @@ def _drawn(result: CalibratedMachine) -> Picture:
 def _charts(result: CalibratedMachine) -> list[Picture]:
     caption = "Measured less predicted with the calibrated machine, by posture."
     return [Picture(svg_of(chart), caption) for chart in residual_charts(result)]
-
-
-def _all_limits(result: PostureResult, document: HexaSlideCalibrationReport) -> list[str]:
-    unfinished = [result.record.unfinished] if result.record.unfinished else []
-    return [*unfinished, *caveats(document), *remark_lines(result.session)]
 
 
 def _machine(machine: HexaSlideMachine, tolerance_mm: float | None) -> Table:

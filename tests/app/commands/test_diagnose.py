@@ -85,6 +85,14 @@ def test_find_adopt_and_see_the_gap_gone(tmp_path: Path) -> None:
     assert diagnosed(session, "--model", adopted)["verdict"] == "explained"
 
 
+def test_one_name_alone_leaves_the_same_gap_wherever_it_stands(tmp_path: Path) -> None:
+    """Before: its row among the candidates was of another fit, 0.0009 beside 0.0008 mm."""
+    diagnosis = diagnosed(simulated(tmp_path, "s", *EFFECT))
+    (effect,), first = diagnosis["effects"], diagnosis["candidates"][0]
+    assert (first["id"], first["where"]) == (effect["id"], effect["where"])
+    assert first["gap_rms_after_mm"] == effect["gap_rms_after_mm"]
+
+
 @LONG
 def test_adopting_says_what_the_name_changes_at_the_tool(samples: Path, tmp_path: Path) -> None:
     """The figures of the sentence are those of the document; all models are those without it."""

@@ -259,6 +259,26 @@ def test_another_library_reads_the_numbers_of_the_report(dcc: ModuleType, order:
     assert number(then, "value") == result.correction.bound_mm
 
 
+def statements(xml: str) -> list[tuple[str, str]]:
+    """Name and text of each statement."""
+    nodes = ElementTree.fromstring(xml).findall(".//dcc:statement", NAMES)
+    return [
+        ("".join(name.itertext()).strip(), "".join(text.itertext()).strip()) for name, text in nodes
+    ]
+
+
+def test_the_limits_of_the_paper_are_in_the_xml(order: Path) -> None:
+    """Before: the XML had no warning, and said less of traceability than the page."""
+    path, head = SAMPLES / "experiment_2_twelve.jsonl", read_head(order)
+    calibration = calibration_of([path], head=head)
+    stated = statements(certificate_xml(contents_of(calibration)))
+    limits = [" ".join(text.split()) for text in (*calibration.warnings, *calibration.limits)]
+    assert any(text.startswith("WARNING: the residual is") for text in limits)
+    assert [text for name, text in stated if name == "Limit of this result"] == limits
+    [traceability] = [text for name, text in stated if name == "Metrological traceability"]
+    assert traceability in html_of(report_of([path], head=head))
+
+
 def test_uncertainties_are_expanded_or_intervals(order: Path) -> None:
     """A mixture of models may have no coverage factor that D-SI takes: U below u, 95 %."""
     root = ElementTree.fromstring(written(order, SAMPLES / "simulated_two-station.jsonl"))

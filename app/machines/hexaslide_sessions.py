@@ -341,6 +341,7 @@ def exported(path: Path, format_name: str) -> tuple[Contents, tuple[str, ...]]:
 def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Answer, str]:
     """Whether the platform is in tolerance with the calibrated machine, and that in a word."""
     from app.evaluating.hexaslide_calibration import verify_sessions
+    from app.exit_codes import NOT_JUDGED
     from app.report.schema.hexaslide import HexaSlideVerificationReport
     from app.report.text.hexaslide_calibration import verification_text
 
@@ -351,7 +352,7 @@ def verified(before: Path, after: Path, tolerance_mm: float | None) -> tuple[Ans
         lambda: verification_text(verification),
         lambda: HexaSlideVerificationReport.of(verification),
     )
-    return answer, verification.decision or "undecided"
+    return answer, verification.decision or NOT_JUDGED
 
 
 def diagnosed(path: Path, request: Diagnosing, say: Say) -> Answer:

@@ -76,10 +76,11 @@ class Geometry:
             raise CalibrationError("links", f"{self.links.real.min():g} m", "positive lengths")
         fixed = np.append(self.base[0], self.base[1, 1:]).real
         if np.abs(fixed).max() > OFF_FRAME_M or not abs(self.base[1, 0]) > OFF_FRAME_M:
+            noun = "base joint" if self.telescopic else "rail"
             raise CalibrationError(
                 "base frame",
-                f"rails that start at {self.base[0].real} and {self.base[1].real}",
-                "the first rail at [0, 0, 0], the second at [x, 0, 0]",
+                f"the first {noun} at {self.base[0].real}, the second at {self.base[1].real}",
+                f"the first {noun} at [0, 0, 0], the second at [x, 0, 0]",
             )
 
     @cached_property

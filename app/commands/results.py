@@ -469,5 +469,6 @@ def _triple(option: str, text: str | None) -> tuple[float, float, float] | None:
     if len(parts) == 3 and all(NUMBER.fullmatch(part.strip()) for part in parts):
         x, y, z = (float(part) for part in parts)
         if max(abs(x), abs(y), abs(z)) <= LARGEST_MM:
-            return x, y, z
-    raise UsageError(option, repr(text), "three numbers in mm: '1.5,0,-2'")
+            return x + 0.0, y + 0.0, z + 0.0  # -0 is 0
+    allowed = f"three numbers in mm, such as '1.5,0,-2', up to {LARGEST_MM:,.0f}"
+    raise UsageError(option, repr(text), allowed)

@@ -28,10 +28,12 @@ if TYPE_CHECKING:  # heavy: imported where used
 
 
 def _finite(value: float | None) -> float | None:
-    """Refuse NaN, which no range excludes, and infinity."""
-    if value is not None and not math.isfinite(value):
+    """Refuse NaN, which no range excludes, and infinity; -0 is 0."""
+    if value is None:
+        return None
+    if not math.isfinite(value):
         raise typer.BadParameter("a finite number is needed")
-    return value
+    return value + 0.0
 
 
 def _no_trace(value_mm: float | None) -> float | None:

@@ -66,6 +66,7 @@ from app.report.text.result import (
     difference_table,
     indicator_words,
     left_out_words,
+    line_parts,
     noise_words,
     offsets_table,
     parameter_table,
@@ -234,7 +235,8 @@ def _controller(calibration: CertifiedCalibration) -> Section:
     remedies = [effect_words(effect, machine) for effect in effects]
     if change := result.printer_change:
         values = [*doubt_lines(result), *change_parts(result, change)]
-        return Section("What to enter in the firmware", [*head, *values, bound, *remedies])
+        parts = [*head, *values, bound, *line_parts(result), *remedies]
+        return Section("What to enter in the firmware", parts)
     sentence = (
         "True position of a joint = believed position + offset. These are the values that glidecal "
         "export writes for a controller with joint offsets, in addition to those entered when it "
@@ -251,6 +253,7 @@ def _controller(calibration: CertifiedCalibration) -> Section:
             _vectors(result, before_or_now(entered)),
             "" if result.reads_tool else UNSEEN,
             gains_table(result),
+            *line_parts(result),
             *left_out_lines(correction.left_out),
             *remedies,
         ],

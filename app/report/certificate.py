@@ -23,8 +23,10 @@ from app.settings import WHAT, data_path, read_settings, settings_path
 from calib.errors import RecordError, UsageError
 from protocols.certificate import CertificateOrder, InstrumentIdentity, Laboratory, read_order
 from protocols.documents import MOST_BYTES, Document, Name, read_bytes, read_remembered
+from protocols.effect_entries import EffectEntry
 from protocols.files import write_files
 from protocols.machine import Machine
+from protocols.model_file import read_model_file
 from protocols.session import Session
 
 MOST_LOGO_BYTES, MOST_LOGO_PIXELS = 1_000_000, 20_000_000
@@ -143,6 +145,11 @@ class CertifiedCalibration:
         return decided(self.verification) if self.verification else self.judged_words
 
     @property
+    def effects(self) -> tuple[EffectEntry, ...]:
+        """The effects of the model file."""
+        return read_model_file(self.model).effects if self.model else ()
+
+    @property
     def warnings(self) -> list[str]:
         """What a reader must know before entering the values."""
         result = self.result
@@ -153,7 +160,9 @@ class CertifiedCalibration:
     @property
     def limits(self) -> list[str]:
         """What a reader must know before using the numbers, the gravest first."""
+        added = ", ".join(f"{effect.id} ({effect.where})" for effect in self.effects)
         return [
+            *([f"All figures are with what the model file adds: {added}."] if added else []),
             *self.result.warnings,
             *self.diagnosed.warnings,
             *caveats(self.result),

@@ -85,7 +85,6 @@ from calib.identify.solution import Solution
 from calib.printable import printable
 from protocols.dates import measured_words
 from protocols.machine import Machine
-from protocols.model_file import read_model_file
 from protocols.procedure import Step
 from protocols.session import Reading, Session
 
@@ -226,13 +225,11 @@ def _controller(calibration: CertifiedCalibration) -> Section:
 
     The decision before heads it where the values were entered since.
     """
-    result, model = calibration.result, calibration.model
-    entered = calibration.verification is not None
+    result, entered = calibration.result, calibration.verification is not None
     machine, correction = result.sessions[0].opened.machine, result.correction
     head = [calibration.judged_words if entered else "", DECISION_RULE]
     bound = bound_table(correction.frame, correction.off_now, result.entered.off, entered=entered)
-    effects = read_model_file(model).effects if model else ()
-    remedies = [effect_words(effect, machine) for effect in effects]
+    remedies = [effect_words(effect, machine) for effect in calibration.effects]
     if change := result.printer_change:
         values = [*doubt_lines(result), *change_parts(result, change)]
         parts = [*head, *values, bound, *line_parts(result), *remedies]

@@ -18,6 +18,7 @@ from app.evaluating.solution import solve_files
 from app.report.certificate import calibration_of, read_head
 from app.report.dcc.document import UNITS, certificate_xml
 from app.report.dcc.legs import contents_of
+from app.report.pages.contents import report_from
 from app.report.pages.report import html_of
 from protocols.journal import write_whole
 from protocols.record import read_record
@@ -277,6 +278,17 @@ def test_the_limits_of_the_paper_are_in_the_xml(order: Path) -> None:
     assert [text for name, text in stated if name == "Limit of this result"] == limits
     [traceability] = [text for name, text in stated if name == "Metrological traceability"]
     assert traceability in html_of(report_of([path], head=head))
+
+
+def test_what_a_model_adds_is_on_the_page_and_in_the_xml(order: Path, tmp_path: Path) -> None:
+    """Before: the XML had no word of it, beside a verdict that nothing is missing."""
+    model, head = tmp_path / "model.json", read_head(order)
+    play = '{"id": "backlash", "where": "x", "parameters": {"play": {"value": 0.02, "unit": "mm"}}}'
+    model.write_text(f'{{"schema": "glidecal.model/1", "effects": [{play}]}}', encoding="utf-8")
+    calibration = calibration_of([SIMULATED], model=model, head=head)
+    words = "All figures are with what the model file adds: backlash (x)."
+    assert ("Limit of this result", words) in statements(certificate_xml(contents_of(calibration)))
+    assert words in html_of(report_from(calibration))
 
 
 def test_uncertainties_are_expanded_or_intervals(order: Path) -> None:

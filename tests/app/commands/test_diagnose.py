@@ -79,6 +79,7 @@ def test_find_adopt_and_see_the_gap_gone(tmp_path: Path) -> None:
     assert "backlash (x)" in run.out
     assert "found in s.jsonl, verdict explained" in " ".join(run.out.split())
     assert "no reason" in refused(2, "model", adopted, "--remove", "backlash")
+    assert "--why: found no effect to remove" in refused(2, "model", adopted, "--why", "a screw")
     removed = glidecal("model", adopted, "--remove", "backlash:x", "--why", "screw replaced")
     assert "No effects." in removed.out
     assert "removed backlash (x): screw replaced" in removed.out

@@ -287,7 +287,7 @@ def offsets_from_files(
             raise UsageError(
                 "--subset, --method, --model or --frame",
                 f"model {paths[0]}",
-                "sessions: the values of a model are written as they are",
+                "sessions: an export of a model has its own values",
             )
         return _offsets_from_model(paths[0])
     result = solve_files(paths, subset=subset, method=method, model=model, frame=frame)

@@ -112,7 +112,7 @@ def test_options_of_sessions_are_refused_beside_a_model(tmp_path: Path) -> None:
         ("--model", tmp_path / "m.json"),
     ):
         message = refused(2, *command, *option, "-o", tmp_path / "out")
-        assert "m.json. Allowed: sessions: the values of a model are written as they are" in message
+        assert "m.json. Allowed: sessions: an export of a model has its own values" in message
     assert not (tmp_path / "out").exists()
 
 

@@ -125,10 +125,9 @@ def import_table(
     family = family_of(name)
     options = options_of(context, family, f"the machine {name}", own)
     there([] if template else source)
-    if not template:
-        _refuse_sessions(source)
     if family.sessions is not None:
         _check_postures(context, name, source)
+        _refuse_sessions([] if template else source)
         remarks, day = tuple(remark or ()), _day(measured_on)
         importing = Importing(source[0], output, machine, protocol, template, remarks, day, force)
         family.sessions.imported(importing, options, say)
@@ -139,6 +138,7 @@ def import_table(
             problem = "none" if output is None else "--protocol without --template"
             allowed = "-o SESSION, or --template to write an empty table"
             raise UsageError("--output", problem, allowed)
+        _refuse_sessions(source)
         import_files(
             source,
             output,

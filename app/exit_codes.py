@@ -27,8 +27,14 @@ class Exit(IntEnum):
     INTERRUPTED = 130
 
 
-VERIFIED = {"pass": Exit.DONE, "fail": Exit.FAILED, "undecided": Exit.UNDECIDED}
-"""By the decision of a verification. Without a tolerance nothing is decided: UNDECIDED, too."""
+NOT_JUDGED = "not judged"
+VERIFIED = {
+    "pass": Exit.DONE,
+    "fail": Exit.FAILED,
+    "undecided": Exit.UNDECIDED,
+    NOT_JUDGED: Exit.UNDECIDED,
+}
+"""By the decision of a verification; without a tolerance there is none."""
 
 _STATUS = {
     UsageError: Exit.USAGE,

@@ -101,7 +101,7 @@ def rows(kind: Callable[..., R], names: Iterable[str], *columns: FloatArray) -> 
 
 def decimals(size: float) -> int:
     """Decimals that show two digits of a size (GUM 7.2.6); of nothing, four."""
-    return max(0, 1 - math.floor(math.log10(size))) if size > 0.0 else 4
+    return max(0, 1 - int(f"{size:.1e}".partition("e")[2])) if size > 0.0 else 4
 
 
 def figures(size: float) -> str:

@@ -126,7 +126,7 @@ def _effect_of(
         raise RecordError(
             f"{subject}, effect",
             repr(entry.id),
-            ", ".join(dict.fromkeys(effect.id for effect in effects)),
+            ", ".join(dict.fromkeys(effect.id for effect in candidates)),
             "An effect of your own must be in the folder of own effects, see docs/effects.md.",
         )
     fitting = [

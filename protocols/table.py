@@ -109,11 +109,12 @@ class Row:
         plain = text if self.mark == "." else text.replace(".", " ").replace(",", ".", 1)
         if not NUMBER.fullmatch(plain):
             word = "point" if self.mark == "." else "comma, as in other rows"
-            comma = COMMA.fullmatch(text) and self.mark == "."
-            next_step = "Replace the decimal comma by a point, or the commas between columns by ;"
-            raise self.fault(
-                column, f"a finite number with a decimal {word}", next_step if comma else ""
-            )
+            next_step = "" if text else "Leave out the row of a reading that was not taken."
+            if COMMA.fullmatch(text) and self.mark == ".":
+                next_step = (
+                    "Replace the decimal comma by a point, or the commas between columns by ;"
+                )
+            raise self.fault(column, f"a finite number with a decimal {word}", next_step)
         return plain
 
     def number(self, column: str, largest: float = LARGEST_NUMBER) -> float:

@@ -177,6 +177,8 @@ def model(
     """Parameters, effects and history of a model. Effects can be removed again."""
     if remove and not why:
         raise UsageError("--remove", "no reason", "--why with the reason, for the history")
+    if why and not remove:
+        raise UsageError("--why", "no effect to remove", "--remove with the effect")
     if (verbs := family_of_model(path).sessions) is not None:
         model_lines, text = verbs.modelled(path, remove or "", why)
         if remove:

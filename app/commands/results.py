@@ -33,7 +33,7 @@ from app.machines.options import (
 )
 from app.machines.registry import (
     LOOKS,
-    NAMES,
+    NAMES_OF_FILES,
     family_of_files,
     options_of,
     typed,
@@ -59,7 +59,7 @@ def solve(
     context: typer.Context,
     sessions: Sessions,
     machine: Annotated[
-        str | None, typer.Option(help=f"{', '.join(NAMES)}; default: by the file.")
+        str | None, typer.Option(help=f"{', '.join(NAMES_OF_FILES)}; default: by the file.")
     ] = None,
     as_json: AsJson = False,
     **own: Any,  # noqa: ANN401 (what the machines add)
@@ -101,7 +101,7 @@ def verify(
     Exit 0: pass, 6: fail, 7: undecided.
     """
     from app.evaluating.comparison import verify_files
-    from app.exit_codes import VERIFIED, Exit
+    from app.exit_codes import NOT_JUDGED, VERIFIED, Exit
     from app.report.schema.solution import VerificationReport
     from app.report.text.result import decided, verification_text
 
@@ -117,7 +117,7 @@ def verify(
         lambda: verification_text(verification), lambda: VerificationReport.of(verification)
     )
     typer.echo(answer.shown(as_json=as_json))
-    status = VERIFIED[verification.decision or "undecided"]
+    status = VERIFIED[verification.decision or NOT_JUDGED]
     if status != Exit.DONE:
         say(f"glidecal: the verification did not pass: {decided(verification)}")
     raise typer.Exit(status)
@@ -212,7 +212,7 @@ def export(
         joint_options: dict[str, object] = {"--home-offset": home_offset, "--endstops": endstops}
         joint_options |= {"--steps": steps, "--ini": ini}
         _refuse_beside_table(table or "readings", format_name, {**joint_options, "--frame": frame})
-        force = may_deliver(output, force=force, several=format_name != "csv")
+        force = may_deliver(output, force=force)
         source = _only(sources, "a table")
         data_table = _table(source, table or "readings", subset, method, model)
         deliver(output, {"": data_table.file_content(format_name)}, force=force)
@@ -228,7 +228,7 @@ def export(
         read_bytes(sources[0], "file")  # a file that is not there is no question of its format
         raise UsageError("--format", f"{format_name} of {sources[0]}", ", ".join(FORMATS))
     _check_joints(home_offset, endstops, ini, steps, format_name)
-    force = may_deliver(output, force=force, several=format_name in IN_FOLDERS)
+    force = may_deliver(output, force=force, folder=format_name in IN_FOLDERS)
     offsets = offsets_from_files(sources, subset, method, model, frame)
     machine = offsets.machine.holding_steps(_triple("--steps", steps))
     offsets = replace(offsets, machine=machine)
@@ -284,7 +284,7 @@ def _export_of_machine(
     if wrong := typed(context, OF_INDICATORS):
         raise UsageError(wrong, f"session {source}", "sessions of indicators on legs")
     format_name = context.params["format_name"]
-    force = may_deliver(output, force=force, several=format_name == "linuxcnc-kins")
+    force = may_deliver(output, force=force, folder=format_name == "linuxcnc-kins")
     files, cautions = verbs.exported(source, format_name)
     for text in cautions:
         say(f"glidecal: {text}")
@@ -469,5 +469,6 @@ def _triple(option: str, text: str | None) -> tuple[float, float, float] | None:
     if len(parts) == 3 and all(NUMBER.fullmatch(part.strip()) for part in parts):
         x, y, z = (float(part) for part in parts)
         if max(abs(x), abs(y), abs(z)) <= LARGEST_MM:
-            return x, y, z
-    raise UsageError(option, repr(text), "three numbers in mm: '1.5,0,-2'")
+            return x + 0.0, y + 0.0, z + 0.0  # -0 is 0
+    allowed = f"three numbers in mm, such as '1.5,0,-2', up to {LARGEST_MM:,.0f}"
+    raise UsageError(option, repr(text), allowed)

@@ -127,6 +127,7 @@ def import_table(
     there([] if template else source)
     if family.sessions is not None:
         _check_postures(context, name, source)
+        _refuse_sessions([] if template else source)
         remarks, day = tuple(remark or ()), _day(measured_on)
         request = ImportRequest(source[0], output, machine, protocol, template, remarks, day, force)
         family.sessions.imported(request, options, say)
@@ -137,6 +138,7 @@ def import_table(
             problem = "none" if output is None else "--protocol without --template"
             allowed = "-o SESSION, or --template to write an empty table"
             raise UsageError("--output", problem, allowed)
+        _refuse_sessions(source)
         import_files(
             source,
             output,
@@ -159,6 +161,21 @@ def _day(measured_on: datetime | None) -> date | None:
     if measured_on.date() > datetime.now().date():
         raise UsageError("--measured-on", f"{measured_on:%Y-%m-%d}", "a day of the past")
     return measured_on.date()
+
+
+def _refuse_sessions(sources: Sequence[Path]) -> None:
+    """Raises RecordError for a session: its lines look like the log of a probe."""
+    from protocols.files import RECORD_START
+    from protocols.machine_files import beginning_of
+
+    for path in sources:
+        if beginning_of(path).startswith(RECORD_START):
+            raise RecordError(
+                f"file {path}",
+                "a session",
+                "a table of readings, or files of a printer",
+                "A session needs no import: glidecal solve, diagnose, report and export take it.",
+            )
 
 
 def import_files(

@@ -48,6 +48,7 @@ JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
 NO_PLAY = "the expected play is negative, and no joint has that"
 NO_GAIN = "the readings show the travel of its carriage too poorly for an entry"
+NO_ENTRY = "no value for the travel of a carriage is entered, and others follow it too poorly"
 
 LIKELY = 0.02
 """From this probability on a mistake in the readings is named; sound sessions hardly have it."""
@@ -293,7 +294,8 @@ class ControllerCorrections:
                 return TowerCorrection(projected.model, projected.left_out, values, off)
 
             best_entries = best({}, entries)
-            plain = best({"table": NO_GAIN}, replace(entries, travels=False))
+            reason = NO_GAIN if entries.travels else NO_ENTRY
+            plain = best({"table": reason}, replace(entries, travels=False))
             errors = self.posterior.likeliest_labels.tool_errors[self.frame]
             if doubt(errors, best_entries.off.values, plain.off.values):
                 best_entries = plain

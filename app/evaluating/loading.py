@@ -25,23 +25,26 @@ def measured_first(session: Record | Session) -> tuple[datetime, datetime, str]:
 
 
 def refuse_twice(sessions: Sequence[tuple[object, Session]]) -> None:
-    """One session, or one table that was imported twice: its readings would count double.
+    """One session, or one table beside where it is from: its readings would count double.
 
     Raises RecordError with their names.
     """
     name_by_content: dict[object, object] = {}
-    for name, session in sessions if len(sessions) > 1 else ():
+
+    def is_imported(session: Session) -> bool:
+        return session.opened.origin == "imported"
+
+    by_origin = sorted(sessions, key=lambda entry: is_imported(entry[1]))
+    for name, session in by_origin if len(sessions) > 1 else ():
         table = tuple((r.leg, r.axis, r.posture_mm, r.text, r.mount) for r in session.readings)
-        contents: list[tuple[object, str]] = [
-            (session.digest or id(session), "the same session twice")
-        ]
-        if table and session.opened.origin == "imported":
-            contents.append((table, "the same readings twice"))
-        for content, message in contents:
+        contents: dict[object, str] = {session.digest or id(session): "the same session twice"}
+        if table and is_imported(session):
+            contents[table] = "the same readings twice"
+        for content, message in contents.items():
             if content in name_by_content:
                 see = f"{message}, see {name_by_content[content]}"
                 raise RecordError(f"session {name}", see, "each once")
-            name_by_content[content] = name
+        name_by_content |= dict.fromkeys((*contents, table), name)
 
 
 def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:

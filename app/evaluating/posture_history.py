@@ -22,10 +22,11 @@ class PostureEntry(Document):
     ``name`` is that of the machine before any calibration, ``machine`` its file by keys.
     ``now_mm`` is how far the platform was off, r.m.s. over the box, ``bound_mm`` (95 %) how far it
     is at most with the calibrated machine, None where that is not known. ``effects`` are None where
-    nobody asked for a diagnosis.
+    nobody asked for a diagnosis. ``dated`` is false for a table whose day nobody stated.
     """
 
     began: AwareDatetime
+    dated: bool = True
     name: str
     machine: dict[str, Any]
     origin: Origin = "measured"
@@ -93,11 +94,6 @@ class PostureHistory:
     machine: str
     origin: Origin
     points: tuple[Point[PostureEntry], ...]
-
-    @property
-    def last(self) -> datetime:
-        """When the last session began."""
-        return self.points[-1].entry.began
 
 
 def posture_history(

@@ -337,6 +337,7 @@ def verified(
 ) -> tuple[Answer, str]:
     """Whether the platform is in tolerance with the calibrated machine, and that in a word."""
     from app.evaluating.hexaslide_calibration import verify_sessions
+    from app.exit_codes import NOT_JUDGED
     from app.report.schema.hexaslide import HexaSlideVerificationReport
     from app.report.text.hexaslide_calibration import verification_text
 
@@ -347,7 +348,7 @@ def verified(
         lambda: verification_text(verification),
         lambda: HexaSlideVerificationReport.of(verification),
     )
-    return answer, verification.decision or "undecided"
+    return answer, verification.decision or NOT_JUDGED
 
 
 def diagnosed(path: Path, request: DiagnosisRequest, say: Say) -> Answer:

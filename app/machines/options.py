@@ -28,10 +28,12 @@ if TYPE_CHECKING:  # heavy: imported where used
 
 
 def _finite(value: float | None) -> float | None:
-    """Refuse NaN, which no range excludes, and infinity."""
-    if value is not None and not math.isfinite(value):
+    """Refuse NaN, which no range excludes, and infinity; -0 is 0."""
+    if value is None:
+        return None
+    if not math.isfinite(value):
         raise typer.BadParameter("a finite number is needed")
-    return value
+    return value + 0.0
 
 
 def _no_trace(value_mm: float | None) -> float | None:
@@ -125,16 +127,20 @@ def may_write(output: Path | None, suffix: str, *, force: bool) -> bool:
     return may_replace(force, output)
 
 
-def may_deliver(output: Path, *, force: bool, several: bool = False) -> bool:
+def may_deliver(output: Path, *, force: bool, folder: bool = False) -> bool:
     """Check what `deliver` will write like `may_replace`, before the work.
 
-    Into a folder that is there `deliver` looks itself: what files it gets is known only then.
-    Raises UsageError for standard output where it is ``several`` files.
+    Into a ``folder`` that is there `deliver` looks itself: what files it gets is known only then.
+    Raises UsageError where a folder is needed and the output is another thing.
     """
     from protocols.files import STANDARD_OUTPUT
 
-    if output.is_dir() or (output == STANDARD_OUTPUT and not several):
+    if output == STANDARD_OUTPUT and not folder:
         return force
+    if folder and output.is_dir():
+        return force
+    if folder and output.exists():
+        raise UsageError("output", f"{output}, not a folder", "a folder: these are several files")
     return may_replace(force, output)
 
 

@@ -20,6 +20,8 @@ FAMILIES = (tripod.FAMILY, hexaslide.FAMILY)
 """Machine files of no known schema, and files to solve that nobody knows, are of the first."""
 
 NAMES = tuple(name for family in FAMILIES for name in family.names)
+NAMES_OF_FILES = tuple(name for family in FAMILIES[1:] for name in family.names)
+"""Machines of which files of measurements need not be sessions."""
 
 
 def _listed_machines(families: Iterable[Family]) -> str:
@@ -87,8 +89,9 @@ def family_of_files(name: str | None, files: Sequence[Path]) -> Family:
     """The family of a name, else the one that reads the files. Raises UsageError."""
     if name is None:
         return next((family for family in FAMILIES if any(map(family.reads, files))), FAMILIES[0])
-    if name not in NAMES:
-        raise UsageError("--machine", repr(name), f"{', '.join(NAMES)}, or none: by the file")
+    if name not in NAMES_OF_FILES:
+        allowed = f"{', '.join(NAMES_OF_FILES)}, or none: a session names its machine"
+        raise UsageError("--machine", repr(name), allowed)
     return family_of(name)
 
 

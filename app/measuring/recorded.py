@@ -17,7 +17,7 @@ from drivers.profile import IndicatorReading, Profile, Query
 from protocols.dates import measured_words
 from protocols.documents import Origin
 from protocols.machine import Instrument
-from protocols.machine_files import form_name
+from protocols.machine_files import beginning_of, form_name
 from protocols.record import (
     END_BYTES,
     Record,
@@ -76,7 +76,7 @@ def sessions_below(folder: Path) -> list[Path]:
         paths = [path for path in folder.rglob("*.jsonl") if path.is_file()]
     except OSError:  # gone meanwhile, or not to be read
         return []
-    return sorted(paths, key=_changed_at, reverse=True)
+    return sorted(filter(_may_be_record, paths), key=_changed_at, reverse=True)
 
 
 def named_sessions(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
@@ -90,9 +90,14 @@ def named_sessions(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
 
 def _session_files(folder: Path) -> list[Path]:
     try:
-        return list(folder.glob("*.jsonl"))
+        return [path for path in folder.glob("*.jsonl") if _may_be_record(path)]
     except OSError:
         return []
+
+
+def _may_be_record(path: Path) -> bool:
+    """Whether its first line is more than the bracket with which a document begins."""
+    return beginning_of(path).split(b"\n")[0].strip() != b"{"
 
 
 def _changed_at(path: Path) -> float:

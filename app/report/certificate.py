@@ -15,13 +15,18 @@ from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
 from app.evaluating.loading import records_in_order
 from app.evaluating.solution import Judgement, SessionSolution, judge, solve_files
+from app.report.text.caveats import caveats, caveats_of_view
+from app.report.text.correction import doubt_lines, warning_lines
+from app.report.text.printer import change_answers
 from app.report.text.result import decided, judged_sentence
 from app.settings import WHAT, data_path, read_settings, settings_path
 from calib.errors import RecordError, UsageError
 from protocols.certificate import CertificateOrder, InstrumentIdentity, Laboratory, read_order
 from protocols.documents import MOST_BYTES, Document, Name, read_bytes, read_remembered
+from protocols.effect_entries import EffectEntry
 from protocols.files import write_files
 from protocols.machine import Machine
+from protocols.model_file import read_model_file
 from protocols.session import Session
 
 MOST_LOGO_BYTES, MOST_LOGO_PIXELS = 1_000_000, 20_000_000
@@ -140,6 +145,32 @@ class CertifiedCalibration:
         return decided(self.verification) if self.verification else self.judged_words
 
     @property
+    def effects(self) -> tuple[EffectEntry, ...]:
+        """The effects of the model file."""
+        return read_model_file(self.model).effects if self.model else ()
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a reader must know before entering the values."""
+        result = self.result
+        if change := result.printer_change:
+            return [*doubt_lines(result), *change_answers(result, change)]
+        return [*warning_lines(result, result.correction)]
+
+    @property
+    def limits(self) -> list[str]:
+        """What a reader must know before using the numbers, the gravest first."""
+        added = ", ".join(f"{effect.id} ({effect.where})" for effect in self.effects)
+        return [
+            *([f"All figures are with what the model file adds: {added}."] if added else []),
+            *self.result.warnings,
+            *self.diagnosed.warnings,
+            *caveats(self.result),
+            *caveats_of_view(self.result),
+            *(f"Remark: {remark}" for remark in self.diagnosed.diagnosis.remarks),
+        ]
+
+    @property
     def identification(self) -> str:
         """The identification as of `identification_of`."""
         return identification_of(self.head, self.digests)
@@ -152,6 +183,15 @@ class CertifiedCalibration:
             return terms
         content = read_bytes(self.model, "model file", MOST_BYTES)
         return f"{terms}, model {sha256(content).hexdigest()[:DIGEST_LETTERS]}"
+
+
+def traceability_words(instruments: Sequence[InstrumentIdentity], gauge: str) -> str:
+    """Whether lengths are traceable; without a certificate of every ``gauge`` they are not."""
+    if not instruments:
+        return f"No {gauge} is named, so no traceability to the SI is shown."
+    if all(instrument.certificate for instrument in instruments):
+        return f"Lengths are traceable to the SI through these certificates of the {gauge}s."
+    return f"Traceability to the SI is not shown: not every {gauge} has a certificate."
 
 
 def terms_of(tolerance_mm: float | None) -> str:

@@ -20,6 +20,9 @@ from app.report.certificate import (
     serial_numbers_of,
     terms_of,
 )
+from app.report.schema.hexaslide import HexaSlideCalibrationReport
+from app.report.text.hexaslide_calibration import caveats
+from app.report.text.hexaslide_session import remark_lines
 from protocols.hexaslide_session import PostureSession, read_postures
 from protocols.record import Record
 
@@ -74,6 +77,15 @@ class CertifiedPostures:
         """Both with their records, the later one last."""
         later = [(self.later.session, self.later.record)] if self.later else []
         return ((self.result.session, self.result.record), *later)
+
+    @property
+    def limits(self) -> list[str]:
+        """What a reader must know before using the numbers, the gravest first."""
+        return [
+            *(record.unfinished for _, record in self.sessions if record.unfinished),
+            *caveats(HexaSlideCalibrationReport.of(self.calibration)),
+            *remark_lines(self.result.session),
+        ]
 
     @property
     def digests(self) -> tuple[str, ...]:

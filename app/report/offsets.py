@@ -22,7 +22,7 @@ from app.report.text.correction import (
     view_words,
 )
 from app.version import program
-from calib.errors import RecordError
+from calib.errors import RecordError, UsageError
 from calib.identify.solution import Method, Subset
 from calib.posterior.correction import Holds, ToolOff
 from calib.posterior.entered import offsets_beside
@@ -277,12 +277,19 @@ def offsets_from_files(
     With a model its effects are fitted to the sessions, too. A subset, and what the linear method
     gives, is written as it is, in place of the correction.
 
-    Raises RecordError where a file is neither, UsageError for sessions between which the machine or
-    its controller was changed, NotIdentifiable where they give no result.
+    Raises RecordError where a file is neither, UsageError for a model with other options and for
+    sessions between which the machine or its controller was changed, NotIdentifiable where they
+    give no result.
     """
-    if len(paths) == 1 and is_model(paths[0]):
-        return _offsets_from_model(paths[0])
     view = subset is not None or method != "exact"
+    if len(paths) == 1 and is_model(paths[0]):
+        if view or model or frame:
+            raise UsageError(
+                "--subset, --method, --model or --frame",
+                f"model {paths[0]}",
+                "sessions: an export of a model has its own values",
+            )
+        return _offsets_from_model(paths[0])
     result = solve_files(paths, subset=subset, method=method, model=model, frame=frame)
     offsets = offsets_from_result(result, view=view)
     return replace(offsets, cautions=(*map(one_line, result.warnings), *offsets.cautions))

@@ -141,8 +141,8 @@ class Claims:
         return cls(weights, reach)
 
     def probability(self, holds: Callable[[Claim], bool]) -> float:
-        """The probability that what is true is such a claim."""
-        return math.fsum(weight for claim, weight in self.weights.items() if holds(claim))
+        """The probability that what is true is such a claim; rounding may sum to more than one."""
+        return min(1.0, math.fsum(w for claim, w in self.weights.items() if holds(claim)))
 
     @cached_property
     def nothing(self) -> float:
@@ -179,7 +179,7 @@ class Claims:
         shares: dict[Key, float] = {}
         for claim, weight in self.weights.items():
             for part in parts(claim):
-                shares[part] = shares.get(part, 0.0) + weight
+                shares[part] = min(1.0, shares.get(part, 0.0) + weight)
         return dict(descending(sorted(shares.items()), lambda item: item[1]))
 
     def one_in_other(self, first: EffectName, second: EffectName) -> bool:

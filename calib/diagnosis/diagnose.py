@@ -341,6 +341,8 @@ class _Report:
             elsewhere = self._elsewhere(effects) if self.others and effects else None
             freedom = self.before.freedom - basis.shape[1]
             fits = self.before.p_value(float(remainder @ remainder), freedom) >= AGREEMENT
+            if name in self.answer.rivals and (alone := self._with(effects)):
+                after_mm = alone.rms_mm(alone.left)  # at its stated size, as where it is named
             if name in self.answer.rivals:
                 reason = "" if self.answer.verdict in WITH_NAMES else "best guess"
             elif name in rivals:

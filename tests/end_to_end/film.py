@@ -197,7 +197,7 @@ def of_history(film: Film, folder: Path) -> None:
         shutil.copy(path, folder / "published")
     film.call("send-keys", "-l", "clear; glidecal history published --screen")
     film.press_and_see("machines", "Enter", "orthoglide, imported: ", "1 Machines")
-    film.press_and_see("sessions", "Enter", "imported: 7 sessions. Last calibrated", "2 History")
+    film.press_and_see("sessions", "Enter", "imported: 7 sessions. Last imported", "2 History")
     film.press_and_see("charts", "+", "joint y, change of the offset (2 of 3)")
     film.press_and_see("end", "F10", "$")
 

@@ -183,7 +183,7 @@ def effect_text(**changed: object) -> str:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (effect_text(id="back_lash"), "'back_lash'.*axis_squareness.*docs/effects.md"),
+        (effect_text(id="back_lash"), "'back_lash'.*axis_squareness.*plate_bow.*docs/effects.md"),
         (effect_text(where="xy"), "place of backlash: found xy. Allowed: x, y, z"),
         (effect_text(parameters={}), "parameters of backlash: found none. Allowed: play"),
         (effect_text(parameters={"gap": {"value": 1.0, "unit": "mm"}}), "found gap"),

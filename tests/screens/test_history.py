@@ -117,6 +117,9 @@ def test_the_heading_says_which_machine_and_where() -> None:
     machine = history_of_machine(entry.machine.title, "measured", [(Path("a.jsonl"), entry)])
     words = machine_sentence(machine, entry.began)
     assert words.startswith("orthoglide, no. OG-7, hall 3: 1 session. Last calibrated today")
+    undated = entry.model_copy(update={"dated": False, "origin": "imported"})
+    table = history_of_machine(entry.machine.title, "imported", [(Path("a.jsonl"), undated)])
+    assert "Last imported today: a.jsonl" in machine_sentence(table, entry.began)
 
 
 def test_one_day_has_an_axis_of_whole_days(tmp_path: Path) -> None:

@@ -63,6 +63,7 @@ async def shown(pilot: Pilot[str], interface: Glidecal, screen: type[object]) ->
 
 
 async def test_list_of_what_can_be_done(folder: Path) -> None:
+    (folder / "measured.jsonl").write_text('{\n "schema": "glidecal.hexaslide-measurements/1"\n}\n')
     interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
@@ -76,6 +77,7 @@ async def test_list_of_what_can_be_done(folder: Path) -> None:
         ]
         assert f"{BEFORE}\n    18 readings, closed" in listed
         assert "damaged [x].jsonl\n    unreadable" in listed
+        assert not any(words.startswith("measured.jsonl") for words in listed), "no session"
         assert interface.screen.query_one(OptionList).highlighted == 0
         await choose(pilot, interface, "damaged")
         await pilot.pause()

@@ -87,8 +87,9 @@ class CertificateContents:
     """What a certificate says of a calibrated machine, whichever kind it is.
 
     ``serial_numbers`` are of the machine: a second one is that of the record, where the order
-    states another. ``conformities`` are what was judged, each with its decision, against a
-    ``tolerance_mm`` of what is ``moved``, the tool or the platform.
+    states another. ``limits`` are what a reader must know first. ``conformities`` are what was
+    judged, each with its decision, against a ``tolerance_mm`` of what is ``moved``, the tool or the
+    platform.
     """
 
     head: CertificateHead
@@ -98,6 +99,7 @@ class CertificateContents:
     instruments: Sequence[InstrumentIdentity]
     traceability: str
     completeness: str
+    limits: Sequence[str]
     results: Sequence[Result]
     moved: str
     conformities: Sequence[tuple[str, str]]

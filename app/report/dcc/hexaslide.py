@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from app.report.certificate import traceability_words
 from app.report.dcc.document import (
     UNITS,
     CertificateContents,
@@ -43,11 +44,12 @@ def contents_of(certified: CertifiedPostures) -> CertificateContents:
         serial_numbers=certified.serial_numbers,
         sessions=[_recorded(session, record) for session, record in certified.sessions],
         instruments=head.order.instrument,
-        traceability="Lengths and angles are those of the instruments. Each names its "
-        f"calibration certificate, where one was stated. Attached: {attached or 'not stated.'}",
+        traceability=f"{traceability_words(head.order.instrument, 'instrument')} "
+        f"Attached: {attached or 'not stated.'}",
         completeness=f"not diagnosed: {result.not_diagnosed}"
         if diagnosis is None
         else f"{diagnosis.verdict}: {verdict_words(diagnosis)}",
+        limits=certified.limits,
         results=[*_results(certified)],
         moved="platform",
         conformities=[*_conformities(certified)],

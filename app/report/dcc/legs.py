@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from app.report.certificate import CertifiedCalibration
+from app.report.certificate import CertifiedCalibration, traceability_words
 from app.report.dcc.document import (
     UNITS,
     CertificateContents,
@@ -32,9 +32,9 @@ def contents_of(calibration: CertifiedCalibration) -> CertificateContents:
         serial_numbers=calibration.serial_numbers,
         sessions=[*map(_recorded, calibration.sessions)],
         instruments=calibration.instruments,
-        traceability=f"Lengths are those of the {gauge_word(calibration.result)}s. Each names its "
-        "calibration certificate, where one was stated.",
+        traceability=traceability_words(calibration.instruments, gauge_word(calibration.result)),
         completeness=f"{diagnosis.verdict}: {diagnosis.sentence}",
+        limits=[*calibration.warnings, *calibration.limits],
         results=[*results_of(calibration)],
         moved="tool",
         conformities=[*_conformities(calibration)],

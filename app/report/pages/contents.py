@@ -38,7 +38,6 @@ from app.report.pages.two_pages import (
     Section,
     celsius_words,
     first_page,
-    limits_of,
     second_page,
 )
 from app.report.text.correction import (
@@ -67,6 +66,7 @@ from app.report.text.result import (
     difference_table,
     indicator_words,
     left_out_words,
+    line_parts,
     noise_words,
     offsets_table,
     parameter_table,
@@ -85,7 +85,6 @@ from calib.identify.solution import Solution
 from calib.printable import printable
 from protocols.dates import measured_words
 from protocols.machine import Machine
-from protocols.model_file import read_model_file
 from protocols.procedure import Step
 from protocols.session import Reading, Session
 
@@ -120,7 +119,7 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
     """The report of results that are there."""
     result, verified = calibration.result, calibration.verification
     diagnosis = calibration.diagnosed.diagnosis
-    has_view, limits = result.view_solution is not None, limits_of(calibration)
+    has_view, limits = result.view_solution is not None, calibration.limits
     legs = leg_figures(result) if has_view else ()
     sections = [
         Section(
@@ -228,16 +227,15 @@ def _controller(calibration: CertifiedCalibration) -> Section:
 
     The decision before heads it where the values were entered since.
     """
-    result, model = calibration.result, calibration.model
-    entered = calibration.verification is not None
+    result, entered = calibration.result, calibration.verification is not None
     machine, correction = result.sessions[0].opened.machine, result.correction
     head = [calibration.judged_words if entered else "", DECISION_RULE]
     bound = bound_table(correction.frame, correction.off_now, result.entered.off, entered=entered)
-    effects = read_model_file(model).effects if model else ()
-    remedies = [effect_words(effect, machine) for effect in effects]
+    remedies = [effect_words(effect, machine) for effect in calibration.effects]
     if change := result.printer_change:
         values = [*doubt_lines(result), *change_parts(result, change)]
-        return Section("What to enter in the firmware", [*head, *values, bound, *remedies])
+        parts = [*head, *values, bound, *line_parts(result), *remedies]
+        return Section("What to enter in the firmware", parts)
     sentence = (
         "True position of a joint = believed position + offset. These are the values that glidecal "
         "export writes for a controller with joint offsets, in addition to those entered when it "
@@ -254,6 +252,7 @@ def _controller(calibration: CertifiedCalibration) -> Section:
             _vectors(result, before_or_now(entered)),
             "" if result.reads_tool else UNSEEN,
             gains_table(result),
+            *line_parts(result),
             *left_out_lines(correction.left_out),
             *remedies,
         ],

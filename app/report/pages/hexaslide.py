@@ -30,7 +30,6 @@ from app.report.pages.two_pages import (
 )
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import (
-    caveats,
     check_words,
     figure_lines,
     is_shown_better,
@@ -120,7 +119,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
             Section("What is left at each posture", _charts(calibration)),
             Section(
                 "Limits of this result",
-                shortened_limits(_all_limits(certified, document), LONGEST),
+                shortened_limits(certified.limits, LONGEST),
             ),
         ],
         sections=[
@@ -133,7 +132,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
                 "Parameters",
                 [parameter_table(document), *figure_lines(document, calibration.fit.factor)],
             ),
-            Section("What limits this result", _all_limits(certified, document)),
+            Section("What limits this result", certified.limits),
             Section("What is missing from the model", missing_parts(result)),
             Section(
                 "What the calibrated machine leaves",
@@ -289,11 +288,6 @@ def _drawn(result: CalibratedMachine) -> Picture:
 def _charts(result: CalibratedMachine) -> list[Picture]:
     caption = "Measured less predicted with the calibrated machine, by posture."
     return [Picture(svg_of(chart), caption) for chart in residual_charts(result)]
-
-
-def _all_limits(certified: CertifiedPostures, document: HexaSlideCalibrationReport) -> list[str]:
-    unfinished = [record.unfinished for _, record in certified.sessions if record.unfinished]
-    return [*unfinished, *caveats(document), *remark_lines(certified.result.session)]
 
 
 def _machine(machine: HexaSlideMachine, tolerance_mm: float | None) -> Table:

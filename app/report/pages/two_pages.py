@@ -8,18 +8,16 @@ from dataclasses import dataclass
 from rich.table import Table
 
 from app.evaluating.comparison import Verification
-from app.report.certificate import CertificateHead, CertifiedCalibration
+from app.report.certificate import CertificateHead, CertifiedCalibration, traceability_words
 from app.report.charts.legs import LegFigure
 from app.report.pages.figures import leg_sheet_svg
-from app.report.text.caveats import caveats, caveats_of_view, gauge_word, taken_word
+from app.report.text.caveats import gauge_word, taken_word
 from app.report.text.correction import (
     FRAME_WORDS,
     bound_table,
     correction_table,
-    doubt_lines,
-    warning_lines,
 )
-from app.report.text.printer import change_answers, change_tables
+from app.report.text.printer import change_tables
 from app.report.text.result import DECISION_RULE, decided, offsets_table, what_to_do
 from app.report.text.tables import new_table
 from calib.printable import printable
@@ -86,19 +84,7 @@ def second_page(calibration: CertifiedCalibration, legs: Sequence[LegFigure]) ->
         Section("Entered and verified", _verified(calibration.verification)),
         Section("Uncertainty", [UNCERTAINTY]),
         *([Section(heading, sheet)] if sheet else []),
-        Section("Limits of this result", shortened_limits(limits_of(calibration))),
-    ]
-
-
-def limits_of(calibration: CertifiedCalibration) -> list[str]:
-    """What a reader must know before using the numbers, the gravest first."""
-    result, diagnosed = calibration.result, calibration.diagnosed
-    return [
-        *result.warnings,
-        *diagnosed.warnings,
-        *caveats(result),
-        *caveats_of_view(result),
-        *(f"Remark: {remark}" for remark in diagnosed.diagnosis.remarks),
+        Section("Limits of this result", shortened_limits(calibration.limits)),
     ]
 
 
@@ -164,9 +150,10 @@ def celsius_words(value_c: float | None) -> str:
 
 
 def traceability(instruments: Sequence[InstrumentIdentity], gauge: str) -> list[str | Table]:
-    """The certificates of instruments, each a ``gauge``; without one nothing is traceable."""
+    """The certificates of instruments, each a ``gauge``, and what they show."""
+    text = traceability_words(instruments, gauge)
     if not instruments:
-        return [f"No {gauge} is named, so no traceability to the SI is shown."]
+        return [text]
     table = new_table(gauge, "serial number", "certificate", "of", left_columns=4)
     for instrument in instruments[:MOST_INSTRUMENTS]:
         date = f"{instrument.certificate_date}" if instrument.certificate_date else ""
@@ -175,10 +162,6 @@ def traceability(instruments: Sequence[InstrumentIdentity], gauge: str) -> list[
         table.add_row(*(shortened(entry, LONGEST_CELL) for entry in entries), date)
     if len(instruments) > MOST_INSTRUMENTS:
         table.add_row(f"{len(instruments) - MOST_INSTRUMENTS} more in the annex", "", "", "")
-    if all(instrument.certificate for instrument in instruments):
-        text = f"Lengths are traceable to the SI through these certificates of the {gauge}s."
-    else:
-        text = f"Traceability to the SI is not shown: not every {gauge} has a certificate."
     return [table, text]
 
 
@@ -189,20 +172,18 @@ def _result(calibration: CertifiedCalibration) -> list[str | Table]:
     text = f"The values leave least of the tool's error, {FRAME_WORDS[correction.frame]}."
     if change:
         values = change_tables(change)
-        warnings = [*doubt_lines(result), *change_answers(result, change)]
     else:
         values = [correction_table(correction)]
         text = (
             f"True position of a joint = believed position + d_rho. {text} They, not the joints "
             "alone, are within ± U."
         )
-        warnings = [*warning_lines(result, correction)]
     return [
         bound_table(correction.frame, correction.off_now, result.entered.off, entered=entered),
         DECISION_RULE,
         *values,
         text,
-        *map(_short_sentence, warnings[:MOST_WARNINGS]),
+        *map(_short_sentence, calibration.warnings[:MOST_WARNINGS]),
     ]
 
 

@@ -210,12 +210,13 @@ def _place(r: Reading) -> str:
 
 def _of_the_measurement(result: SessionSolution) -> Iterator[str]:
     """Repeats that show no scatter, readings without a movement between, legs not touched."""
-    # repeats that agree to the last digit tell only that the noise is below the display's step
+    # such repeats tell only that the noise is below the display's step
     step_mm = indicator_figures(result.sessions).display_mm
     if result.noise.repeated == "equal" and step_mm:
         yield (
-            f"NOTE: all repeats agree to the last digit, {step_mm:g} mm. They do not show how much "
-            f"the {taken_word(result)}s scatter, and more of them would not make the result better."
+            f"NOTE: all repeats agree within a step of the display, {step_mm:g} mm. They do not "
+            f"show how much the {taken_word(result)}s scatter, and more of them would not make the "
+            "result better."
         )
     in_place = len(result.observations) - len(result.visits)
     if in_place:

@@ -62,13 +62,12 @@ UNSEEN = (
 
 def correction_table(correction: SessionCorrection) -> Table:
     """The values to enter, or those that are not worth it."""
-    table = new_table("enter" if correction.helps else "", "value", "", "± U (95 %)")
-    width: dict[str, str] = {}
-    if correction.uncertainties_mm is not None:
-        expanded = (uncertain(float(mm), 4) for mm in correction.uncertainties_mm[1])
-        width = dict(zip(("d_rho_x", "d_rho_y", "d_rho_z"), expanded, strict=True))
-    for name, entry in correction.values.items():
-        table.add_row(name, shown_value(entry.value), entry.unit, width.get(name, ""))
+    of_offsets = correction.uncertainties_mm
+    headings = ["value", "", *(["± U (95 %)"] if of_offsets else [])]
+    table = new_table("enter" if correction.helps else "", *headings)
+    for number, (name, entry) in enumerate(correction.values.items()):
+        width = [uncertain(float(of_offsets[1][number]), 4)] if of_offsets else []
+        table.add_row(name, shown_value(entry.value), entry.unit, *width)
     return table
 
 

@@ -88,9 +88,13 @@ def verification_text(verification: VerifiedMachine) -> str:
 def verification_lines(verification: VerifiedMachine) -> list[str]:
     """The decision, what the platform was off by before, then what to do."""
     was_mm = 1000.0 * verification.before.platform.now.places_rms_m
-    off = off_words(verification.after, verification.tolerance_mm)
+    decision, off = "NOT JUDGED", off_words(verification.after, verification.tolerance_mm)
+    if verification.decision is not None:
+        decision = verification.decision.upper()
+    else:
+        off += " There is no --tolerance, and no platform_tolerance_mm in the machine file."
     return [
-        f"{(verification.decision or 'undecided').upper()}: {off}",
+        f"{decision}: {off}",
         f"Before: {was_mm:.3g} mm r.m.s.",
         *_next_lines(verification),
     ]

@@ -7,8 +7,8 @@ from datetime import datetime
 
 from rich.table import Table
 
-from app.evaluating.history import History, MachineHistory
-from app.evaluating.posture_history import PostureHistory
+from app.evaluating.history import Entry, History, MachineHistory
+from app.evaluating.posture_history import Point, PostureEntry, PostureHistory
 from app.report.text.tables import (
     PAGE_HELP,
     hanging,
@@ -136,13 +136,20 @@ def title_of(machine: MachineHistory) -> str:
 
 def machine_sentence(machine: MachineHistory, now: datetime) -> str:
     """How many sessions, how long ago the last, and when the next is due."""
-    last = _last_words(title_of(machine), machine.origin, len(machine.points))
-    when = _when_words(machine.last.began, now)
-    return f"{last} calibrated {when}: {machine.points[-1].path}. {due_words(machine)}"
+    last = _last_words(title_of(machine), machine.origin, machine.points, now)
+    return f"{last} {due_words(machine)}"
 
 
-def _last_words(name: str, origin: str, count: int) -> str:
-    return f"{name}{ORIGIN_WORDS[origin]}: {counted(count, 'session')}. Last"
+def _last_words(
+    name: str, origin: str, points: Sequence[Point[Entry] | Point[PostureEntry]], now: datetime
+) -> str:
+    """The last session; of a table whose day nobody stated the day of the import is known."""
+    last = points[-1]
+    done = "calibrated" if last.entry.dated else "imported"
+    return (
+        f"{name}{ORIGIN_WORDS[origin]}: {counted(len(points), 'session')}. Last {done} "
+        f"{_when_words(last.entry.began, now)}: {last.path}."
+    )
 
 
 def _when_words(began: datetime, now: datetime) -> str:
@@ -152,8 +159,7 @@ def _when_words(began: datetime, now: datetime) -> str:
 
 def posture_machine_sentence(machine: PostureHistory, now: datetime) -> str:
     """How many sessions of postures, and how long ago the last."""
-    last = _last_words(machine.machine, machine.origin, len(machine.points))
-    return f"{last} calibrated {_when_words(machine.last, now)}: {machine.points[-1].path}."
+    return _last_words(machine.machine, machine.origin, machine.points, now)
 
 
 def posture_machine_text(machine: PostureHistory, now: datetime) -> str:

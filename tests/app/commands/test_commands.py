@@ -261,6 +261,18 @@ def test_a_table_that_was_imported_twice(samples: Path, tmp_path: Path) -> None:
     assert f"the same readings twice, see {first}" in refused(3, "solve", first, again)
 
 
+def test_a_session_beside_its_own_table(samples: Path, tmp_path: Path) -> None:
+    """Before: its readings counted double."""
+    measured = samples / "simulated_zero-max-min.jsonl"
+    table, imported = tmp_path / "t.csv", tmp_path / "imported.jsonl"
+    export = ("export", measured, "--table", "readings", "--format", "csv", "-o", table)
+    assert glidecal(*export).status == 0
+    assert glidecal("import", table, "-o", imported).status == 0
+    for pair in ((measured, imported), (imported, measured)):
+        message = refused(3, "solve", *pair)
+        assert f"session {imported}: found the same readings twice, see {measured}" in message
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [

@@ -79,10 +79,19 @@ def test_find_adopt_and_see_the_gap_gone(tmp_path: Path) -> None:
     assert "backlash (x)" in run.out
     assert "found in s.jsonl, verdict explained" in " ".join(run.out.split())
     assert "no reason" in refused(2, "model", adopted, "--remove", "backlash")
+    assert "--why: found no effect to remove" in refused(2, "model", adopted, "--why", "a screw")
     removed = glidecal("model", adopted, "--remove", "backlash:x", "--why", "screw replaced")
     assert "No effects." in removed.out
     assert "removed backlash (x): screw replaced" in removed.out
     assert diagnosed(session, "--model", adopted)["verdict"] == "explained"
+
+
+def test_one_name_alone_leaves_the_same_gap_wherever_it_stands(tmp_path: Path) -> None:
+    """Before: its row among the candidates was of another fit, 0.0009 beside 0.0008 mm."""
+    diagnosis = diagnosed(simulated(tmp_path, "s", *EFFECT))
+    (effect,), first = diagnosis["effects"], diagnosis["candidates"][0]
+    assert (first["id"], first["where"]) == (effect["id"], effect["where"])
+    assert first["gap_rms_after_mm"] == effect["gap_rms_after_mm"]
 
 
 @LONG

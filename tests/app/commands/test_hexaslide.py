@@ -221,6 +221,18 @@ def test_wrong_input_is_told(tmp_path: Path) -> None:
     assert "the machine hexaslide" in refused(2, *arguments)
 
 
+def test_legs_without_rails_are_told_of_joints(tmp_path: Path) -> None:
+    """Before: of the first rail."""
+    path = tmp_path / "legs.toml"
+    assert glidecal("machine", "gough-stewart", "-o", path).status == 0
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("start_mm = [0.0,", "start_mm = [0.5,", 1), encoding="utf-8")
+    with pytest.raises(RecordError) as refusal:
+        load_hexaslide(path)
+    assert "the first leg at [0, 0, 0], the second at [x, 0, 0]" in str(refusal.value)
+    assert "first rail" not in str(refusal.value)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

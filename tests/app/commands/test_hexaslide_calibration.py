@@ -409,6 +409,15 @@ def test_postures_that_cannot_be_measured_are_refused(tmp_path: Path) -> None:
     assert not out.exists()
 
 
+def test_minus_zero_is_zero(tmp_path: Path) -> None:
+    """Before: a traceback."""
+    names = ("plus.json", "minus.json")
+    for name, errors in zip(names, ("0", "-0"), strict=True):
+        options = ("--postures", "20", f"--errors={errors}", "-o", tmp_path / name)
+        assert glidecal(*SIMULATE, "position", *options).status == 0
+    assert len({(tmp_path / name).read_bytes() for name in names}) == 1
+
+
 def test_options_of_the_wrong_machine_are_exit_2(tmp_path: Path) -> None:
     path, truth = written(tmp_path, "position", 20)
     out = tmp_path / "out.json"
@@ -422,7 +431,10 @@ def test_options_of_the_wrong_machine_are_exit_2(tmp_path: Path) -> None:
     )
     assert "--subset" in told(2, "solve", path, "--subset", "both")
     assert "2 files" in told(2, "solve", path, truth, "--machine", "hexaslide")
-    assert "'tripod'" in told(2, "solve", path, "--machine", "tripod")
+    for name in ("tripod", "linear-delta"):  # before: a session of an Orthoglide took it, in vain
+        session = "sample_sessions/experiment_1_six.jsonl"
+        message = told(2, "solve", session, "--machine", name)
+        assert f"'{name}'. Allowed: hexaslide, or none: a session names its machine" in message
     assert "--truth" in told(2, "solve", "sample_sessions/experiment_1_six.jsonl", "--truth", truth)
     assert not out.exists()
 

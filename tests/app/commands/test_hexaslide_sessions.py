@@ -114,8 +114,14 @@ def test_calibrate_enter_and_verify_as_a_person_would(tmp_path: Path) -> None:
         assert "a positive length" in refused(
             2, "report", before, stated, "-o", tmp_path / "r.html"
         )
-    assert glidecal("verify", before, after).status == 7
-    assert "found klipper" in refused(2, "export", after, "--format", "klipper", "-o", tmp_path)
+    open_run = glidecal("verify", before, after)
+    assert open_run.status == 7
+    assert "no platform_tolerance_mm in the machine file" in " ".join(open_run.out.split())
+    assert "the verification did not pass: not judged" in open_run.err
+    assert "UNDECIDED" not in open_run.out
+    assert "found klipper" in refused(
+        2, "export", after, "--format", "klipper", "-o", tmp_path / "k"
+    )
     assert "--subset" in refused(
         2, "export", after, "--format", "json", "--subset", "both", "-o", tmp_path / "x"
     )

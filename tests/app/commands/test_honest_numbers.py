@@ -119,6 +119,17 @@ def test_lengths_that_hide_behind_the_noise_are_told(tmp_path: Path) -> None:
     assert "All figures are valid only if the other parameters are nominal" in head
 
 
+def test_a_table_of_values_without_uncertainty_has_no_column_for_it() -> None:
+    """Before: ± U over nothing."""
+
+    def heading(*options: str) -> str:
+        run = glidecal("solve", SAMPLES / "experiment_1_six.jsonl", *options)
+        return next(line for line in run.out.splitlines() if line.strip().startswith("value"))
+
+    assert "± U (95 %)" in heading()
+    assert "± U" not in heading("--holds", "kinematics")
+
+
 def test_displacements_in_metres_get_an_answer_with_a_warning(tmp_path: Path) -> None:
     """Tenths of a millimetre show no law of the drives, so nothing of them is in the model."""
     with (SAMPLES / "tables" / "experiment_1_six.csv").open(encoding="utf-8") as sample:
@@ -352,7 +363,7 @@ def test_noise_that_the_fit_left_cannot_be_simulated(tmp_path: Path) -> None:
             (lambda: rows(cycles=1), "95 %, residual taken as noise"),
             (
                 lambda: rows(scatter_mm=0.0, digits=2),
-                "all repeats agree to the last digit, 0.01 mm",
+                "all repeats agree within a step of the display, 0.01 mm",
             ),
             (lambda: rows(scatter_mm=0.0, digits=2), "as stated or seen in the digits"),
             (lambda: rows(legs="xy"), "leg Z was not measured"),

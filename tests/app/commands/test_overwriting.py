@@ -286,6 +286,25 @@ def test_the_known_model_goes_on_without_a_question(tmp_path: Path, samples: Pat
     assert "gravity_sag (y)" in text
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("json", "not an ordinary file. Allowed: a file"),
+        ("linuxcnc", "not a folder. Allowed: a folder"),
+    ],
+)
+def test_a_folder_for_a_file_and_the_reverse_are_refused_before_the_work(
+    name: str, words: str, tmp_path: Path, samples: Path
+) -> None:
+    """Before: after all results were told; with --force beside a file as "File exists"."""
+    target = tmp_path / "target"
+    target.mkdir() if name == "json" else target.write_text("mine", encoding="utf-8")
+    session = samples / "experiment_1_six.jsonl"
+    message = refused(2, "export", session, "--format", name, "-o", target, "--force")
+    assert words in message
+    assert "Tool over the workspace" not in message
+
+
 def test_a_disk_that_is_full_leaves_no_folder_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

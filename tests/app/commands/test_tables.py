@@ -52,3 +52,20 @@ def test_what_does_not_go_with_a_table_is_refused(tmp_path: Path) -> None:
     assert "csv, xlsx or parquet" in refused(2, *table, "--format", "json")
     assert "--home-offset" in refused(2, *table, "--format", "csv", "--home-offset", "1,2,3")
     assert not out.exists()
+
+
+def test_a_session_is_not_imported_as_a_log(tmp_path: Path, samples: Path) -> None:
+    """Before: with a machine file some of its contacts were read as answers of a probe."""
+    printer, session, machine = samples / "printer", tmp_path / "p.jsonl", tmp_path / "p.toml"
+    sources = (printer / "printer.cfg", printer / "probe.log")
+    assert glidecal("import", *sources, "-o", session, "--machine-file-out", machine).status == 0
+    again = tmp_path / "again.jsonl"
+    message = refused(3, "import", session, "--machine", machine, "-o", again)
+    assert "p.jsonl: found a session. Allowed: a table of readings" in message
+    assert not again.exists()
+
+
+def test_what_the_joints_hold_is_refused_with_its_limit(tmp_path: Path, samples: Path) -> None:
+    session = samples / "experiment_1_six.jsonl"
+    options = ("--format", "linuxcnc", "-o", tmp_path / "x", "--home-offset", "1e9,0,0")
+    assert "such as '1.5,0,-2', up to 100,000" in refused(2, "export", session, *options)

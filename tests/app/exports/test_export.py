@@ -9,10 +9,13 @@ import re
 from collections.abc import Callable
 from itertools import count
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 import pytest
 
+from app.commands.results import export
 from app.evaluating.solution import solve_files
+from app.exports import FORMATS
 from app.exports.linuxcnc import NOT_HOMED
 from app.report.text.caveats import caveats
 from app.report.text.correction import BOUND, correction_lines
@@ -527,3 +530,11 @@ def failing_replace(
         return plain(self, target)
 
     return replace
+
+
+def test_every_format_can_be_asked_for_and_is_on_the_page() -> None:
+    """The command names its choices itself: what makes the files is imported where it is used."""
+    names = {*get_args(get_args(get_type_hints(export, include_extras=True)["format_name"])[0])}
+    assert names == {*FORMATS, "ros2", "xlsx", "parquet"}
+    page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
+    assert [name for name in FORMATS if f"`{name}`" not in page] == []

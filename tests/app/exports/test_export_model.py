@@ -102,6 +102,20 @@ def test_a_table_in_inches(tmp_path: Path) -> None:
     assert (float(second[0]) - float(first[0])) * 25.4 == pytest.approx(160.0, abs=1e-3)
 
 
+def test_options_of_sessions_are_refused_beside_a_model(tmp_path: Path) -> None:
+    """Before: ignored."""
+    *command, _, _, _, _ = asked_of(tmp_path)
+    for option in (
+        ("--subset", "both"),
+        ("--method", "linear"),
+        ("--frame", "machine"),
+        ("--model", tmp_path / "m.json"),
+    ):
+        message = refused(2, *command, *option, "-o", tmp_path / "out")
+        assert "m.json. Allowed: sessions: an export of a model has its own values" in message
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_is_not_in_the_files_is_said_with_what_it_leaves(tmp_path: Path) -> None:
     shift, gain = effect("axis_offset", "xy", shift=0.2), effect("gauge_gain", "xy", gain=1.0)
     text = " ".join(exported(tmp_path, shift, gain)["calib_joint0.inc"].replace("# ", "").split())

@@ -102,6 +102,18 @@ def test_travels_that_nobody_stated_stay_and_the_file_says_so(kind: str, tmp_pat
     assert content == exported(STRETCHED, kind, tmp_path / "known").read_text()
 
 
+def test_a_travel_that_is_shown_well_is_not_called_shown_poorly(tmp_path: Path) -> None:
+    """Before: that was the reason, whatever the readings showed, where no entry takes a travel."""
+    session = tmp_path / "s.jsonl"
+    effect = ("--effect", "actuator_scale:y", "--seed", "2")
+    words = ("simulate", "--machine", "linear-delta", "--protocol", "plate-rings", *effect)
+    assert glidecal(*words, "-o", session).status == 0
+    run = glidecal("export", session, "--format", "p-3z", "-o", tmp_path / "p.csv")
+    assert run.status == 0, run.err
+    assert "no value for the travel of a carriage is entered" in run.err
+    assert "the readings show" not in run.err
+
+
 def test_machines_whose_belts_are_sound_get_no_values_for_them(tmp_path: Path) -> None:
     for kind in READ:
         text = exported(ANYTHING, kind, tmp_path / kind).read_text()

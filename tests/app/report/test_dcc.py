@@ -18,6 +18,7 @@ from app.evaluating.solution import solve_files
 from app.report.certificate import calibration_of, read_head
 from app.report.dcc.document import UNITS, certificate_xml
 from app.report.dcc.legs import contents_of
+from app.report.pages.contents import report_from
 from app.report.pages.report import html_of
 from protocols.journal import write_whole
 from protocols.record import read_record
@@ -257,6 +258,37 @@ def test_another_library_reads_the_numbers_of_the_report(dcc: ModuleType, order:
     assert number(real[f"{tool}, as measured"], "value") == result.correction.now_mm
     then = real[f"{tool}, with the values entered, predicted"]
     assert number(then, "value") == result.correction.bound_mm
+
+
+def statements(xml: str) -> list[tuple[str, str]]:
+    """Name and text of each statement."""
+    nodes = ElementTree.fromstring(xml).findall(".//dcc:statement", NAMES)
+    return [
+        ("".join(name.itertext()).strip(), "".join(text.itertext()).strip()) for name, text in nodes
+    ]
+
+
+def test_the_limits_of_the_paper_are_in_the_xml(order: Path) -> None:
+    """Before: the XML had no warning, and said less of traceability than the page."""
+    path, head = SAMPLES / "experiment_2_twelve.jsonl", read_head(order)
+    calibration = calibration_of([path], head=head)
+    stated = statements(certificate_xml(contents_of(calibration)))
+    limits = [" ".join(text.split()) for text in (*calibration.warnings, *calibration.limits)]
+    assert any(text.startswith("WARNING: the residual is") for text in limits)
+    assert [text for name, text in stated if name == "Limit of this result"] == limits
+    [traceability] = [text for name, text in stated if name == "Metrological traceability"]
+    assert traceability in html_of(report_of([path], head=head))
+
+
+def test_what_a_model_adds_is_on_the_page_and_in_the_xml(order: Path, tmp_path: Path) -> None:
+    """Before: the XML had no word of it, beside a verdict that nothing is missing."""
+    model, head = tmp_path / "model.json", read_head(order)
+    play = '{"id": "backlash", "where": "x", "parameters": {"play": {"value": 0.02, "unit": "mm"}}}'
+    model.write_text(f'{{"schema": "glidecal.model/1", "effects": [{play}]}}', encoding="utf-8")
+    calibration = calibration_of([SIMULATED], model=model, head=head)
+    words = "All figures are with what the model file adds: backlash (x)."
+    assert ("Limit of this result", words) in statements(certificate_xml(contents_of(calibration)))
+    assert words in html_of(report_from(calibration))
 
 
 def test_uncertainties_are_expanded_or_intervals(order: Path) -> None:

@@ -176,5 +176,9 @@ def test_without_the_certificate_of_an_instrument_nothing_is_traceable(
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     tracker = TRACKER.replace('certificate = "K-2026-88"\n', "")
     order = laboratory(tmp_path, monkeypatch, order=ORDER + tracker)
-    page = html_of(source_of_postures(before, head=read_head(order)).page())
-    assert "Traceability to the SI is not shown: not every instrument has a certificate." in page
+    source = source_of_postures(before, head=read_head(order))
+    words = "Traceability to the SI is not shown: not every instrument has a certificate."
+    xml = certificate_xml(source.certificate())
+    assert words in html_of(source.page())
+    assert words in xml
+    assert "NOT IDENTIFIABLE, left as the machine file has it" in xml

@@ -108,6 +108,20 @@ def test_json_has_what_the_page_has(tmp_path: Path) -> None:
     assert report["something_missing"] == ("missing from the model" in verified(before, after))
 
 
+def test_the_report_has_the_lines_of_the_drives(tmp_path: Path) -> None:
+    """Before: only the terminal had their uncertainty, of a delta and of a printer."""
+    printer = session_of(tmp_path, m503(true.OFF_IN_ALL, 2))
+    delta = tmp_path / "delta.jsonl"
+    assert glidecal("simulate", "--machine", "linear-delta", "-o", delta).status == 0
+    for session in (printer, delta):
+        page = re.sub(r"<[^>]+>", " ", glidecal("report", session, "-o", "-").out)
+        text = " ".join(page.split())
+        lines = [" ".join(line.split()) for line in glidecal("solve", session).out.splitlines()]
+        rows_of_lines = [line for line in lines if re.match(r"axis_lean [xyz][rt] [+-]", line)]
+        assert len(rows_of_lines) == 6
+        assert [line for line in rows_of_lines if line not in text] == []
+
+
 def verified(before: Path, after: Path) -> str:
     return glidecal("verify", before, after).out
 
@@ -205,5 +219,5 @@ def test_repeats_that_agree_to_the_last_digit_are_repeats(tmp_path: Path) -> Non
     log.write_text(m503(true.OFF_IN_ALL, 3), encoding="utf-8")
     assert glidecal("import", log, "-o", session).status == 0
     text = glidecal("solve", session).out
-    assert "all repeats agree to the last digit" in " ".join(text.split())
+    assert "all repeats agree within a step of the display" in " ".join(text.split())
     assert "No place was probed twice" not in text

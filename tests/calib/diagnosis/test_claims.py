@@ -55,6 +55,12 @@ def test_probabilities_are_sums_over_models() -> None:
     assert several.places == pytest.approx({BOW: 0.5, PLAY_X: 0.4})
 
 
+def test_no_probability_is_above_one() -> None:
+    """Weights of many models are rounded."""
+    rounded = Claims({Claim(frozenset({PLAY_X}), unnamed=False): 1.0 + 4e-16}, {})
+    assert rounded.missing == rounded.places[PLAY_X] == rounded.ids["backlash"] == 1.0
+
+
 @pytest.mark.parametrize(
     ("weights", "verdict", "names"),
     [

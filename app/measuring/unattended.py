@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from app.measuring.doubts import TakenStep
 from app.measuring.gauges import Motion
+from app.measuring.indicators import adapter_at
 from app.measuring.moving import REST_S, MoveProposal, Mover
 from app.measuring.proof import Proof
 from app.measuring.session import GuidedSession
@@ -181,7 +182,10 @@ def _wait(guided: GuidedSession, mover: Mover) -> None:
 
 
 def _indicators_back(guided: GuidedSession, fault_words: str) -> None:
-    """Return when every indicator answers again, each asked so often. Raises IndicatorError."""
+    """Return when every indicator answers again, each asked so often, at the adapter that it had.
+
+    Raises IndicatorError.
+    """
     slowest_s = max(gauge.profile.timeout_s for gauge in guided.gauges)
     # after an answer that is missed its exchange is silent, lest an old one be taken for a new one
     end_s = time.monotonic() + TRIES * (LATEST + 1.0) * slowest_s
@@ -189,6 +193,12 @@ def _indicators_back(guided: GuidedSession, fault_words: str) -> None:
         if time.monotonic() > end_s:
             raise IndicatorError("motion", fault_words, "a reading")
         time.sleep(LOOK_S)
+    for number, gauge in enumerate(guided.gauges):
+        adapter = adapter_at(gauge.port) if gauge.adapter else ""
+        if adapter != gauge.adapter:
+            name, there = guided.name_of(number), f"adapter {adapter or 'unknown'} at its port"
+            next_step = "Plug the cables in as they were, then: glidecal run --continue"
+            raise IndicatorError(name, there, f"adapter {gauge.adapter}, as before", next_step)
 
 
 def _take(guided: GuidedSession, step: Step) -> TakenStep:

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from app.evaluating.solution import solve_files
+from app.measuring import unattended
 from app.measuring.demo import SelfMovingBench, demo_plan
 from app.measuring.moving import REST_S, MoveProposal, Mover, ways_of
 from app.measuring.opening import open_indicators, start_session
@@ -388,3 +389,22 @@ def test_nothing_moves_without_a_screen_while_an_indicator_gives_no_value(tmp_pa
             measure_all(guided, agree)
         assert not twin.moves
     assert len(questions) == 2
+
+
+def test_another_adapter_at_the_port_of_a_silent_indicator_ends_the_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two cables were pulled and plugged in crosswise: readings of the other one were taken."""
+    with moving_session(tmp_path / "a.jsonl", profile=PROMPT) as (guided, bench, twin):
+        guided.gauges[0].adapter = "A1"
+        monkeypatch.setattr(unattended, "adapter_at", lambda _: "B2")
+
+        def agree(_: MoveProposal) -> bool:
+            bench.unplugged = True
+            assert comes_true(lambda: lost_words(guided) is not None)
+            threading.Timer(0.3, lambda: setattr(bench, "unplugged", False)).start()
+            return True
+
+        with pytest.raises(IndicatorError, match=r"adapter B2 at its port.*adapter A1, as before"):
+            measure_all(guided, agree)
+        assert not twin.moves

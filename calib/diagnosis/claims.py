@@ -119,10 +119,11 @@ class Claims:
         components, shown_by = posterior.components, _visible_sizes(posterior)
         plain = math.fsum(m.weight for m in posterior.models if not m.members and not m.mistakes)
         weights: dict[Claim, float] = {NOTHING: 0.0}
+        acting = posterior.sessions[-1].case.acting
         for model in posterior.models:
             scaled = zip(model.members, model.scales, strict=True)
             if not model.mistakes and math.hypot(*(s * shown_by[k] for k, s in scaled)) < UNSEEN:
-                odds = math.exp(log_prior_odds(model.members, model.scales, components))
+                odds = math.exp(log_prior_odds(model.members, model.scales, components, acting))
                 as_before = min(model.weight, odds * plain)
                 weights[NOTHING] += as_before
                 model = replace(model, weight=model.weight - as_before)

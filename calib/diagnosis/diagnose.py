@@ -43,7 +43,7 @@ from calib.posterior.apart import Mistake
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.models import Posterior
 from calib.posterior.readings import LENGTHS
-from calib.posterior.selection import LOG_CAUSES, LOG_SCALES, SCALES
+from calib.posterior.selection import LOG_SCALES, SCALES, log_causes
 from calib.stats import UNLIKELY
 from calib.tripod.effects.drives import ActuatorCyclic
 from calib.tripod.effects.effect import EffectInstance, Kind
@@ -477,6 +477,7 @@ class _Report:
         """
         smallest: dict[str, Detectable | None] = {}
         linear, beyond = self.posterior.linear, self.sessions[-1].case.named_beyond
+        causes = log_causes(self.sessions[-1].case.acting)
         about = self.before.about
         if self.sessions != [*self.posterior.sessions]:
             about = Leftover.of(self.posterior.sessions, (), self.timed).about
@@ -487,7 +488,7 @@ class _Report:
             if not length or self.before.noise_freedom <= 0.0:
                 continue
             (parameter,), unit = component.candidate.parameters, float(component.unit[0])
-            size = unit * (_needed(length, component.log_prior) + SEEN_9_OF_10) / length
+            size = unit * (_needed(length, component.log_prior, causes) + SEEN_9_OF_10) / length
             size = max(size, WITHIN * beyond.get(component.shares[0].effect, 0.0))
             size_before = smallest.setdefault(component.id, None)
             if size <= min(NO_SIZE * unit, parameter.limit) and (
@@ -502,13 +503,14 @@ class _Report:
         return _put_right(case, mistakes)
 
 
-def _needed(length: float, log_prior: float) -> float:
+def _needed(length: float, log_prior: float, causes: FloatArray) -> float:
     """Standard deviations that a column of this length per unit needs, so that it is missed.
 
     Noise being known, for each scale s of its size with w = 1 + s²l² the log weight over that of
-    nothing is z²(1 - 1/w)/2 - log(w)/2 and the priors; the scale that needs least counts.
+    nothing is z²(1 - 1/w)/2 - log(w)/2 and the priors, those of ``causes`` ``(4,)`` among them; the
+    scale that needs least counts.
     """
-    odds = math.log(MISSING / (1.0 - MISSING)) + LOG_CAUSES[0] - LOG_CAUSES[1] - log_prior
+    odds = math.log(MISSING / (1.0 - MISSING)) + causes[0] - causes[1] - log_prior
     gain = (np.array(SCALES) * length) ** 2
     square = 2.0 * (odds - LOG_SCALES + 0.5 * np.log1p(gain)) * (1.0 + gain) / gain
     return float(np.sqrt(square.min()))

@@ -180,6 +180,7 @@ class _LeftOut:
             rows.free - len(out_rows),
             rows.freedom,
             rows.excess,
+            self.posterior.sessions[-1].case.acting,
         )
         scale_of_components = self._best(selection)
         index = np.concatenate([linear.index[k] for k, _ in scale_of_components])

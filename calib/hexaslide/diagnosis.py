@@ -406,9 +406,14 @@ def _entries(
         products.square - float(taken.along @ taken.along),
     )
     columns, prior = [selection.columns[k] for k in looked_for], selection.log_prior[[*looked_for]]
-    for entry in replace(selection, products=beside, columns=columns, log_prior=prior).entries(
-        FAINTEST
-    ):
+    further = replace(
+        selection,
+        products=beside,
+        columns=columns,
+        log_prior=prior,
+        acting=len(free.members),
+    )
+    for entry in further.entries(FAINTEST):
         members = tuple(looked_for[k] for k in entry.members)
         yield ModelEntry((*members, *free.members), (*entry.scales, *free.scales), entry.log_weight)
 

@@ -138,6 +138,11 @@ class SessionCase:
         return spread
 
     @property
+    def acting(self) -> int:
+        """How many effects were adopted, wherever each acts."""
+        return len({law.id for law, _ in self.free})
+
+    @property
     def _bars_mm(self) -> tuple[FloatArray, FloatArray]:
         """What bars ``(3,)`` are off by, each by itself and all together, standard deviations."""
         tolerance_mm = np.maximum(self.tolerance_mm[3:], FINEST_MM)

@@ -138,6 +138,7 @@ class PosteriorProblem:
             self.rows.free,
             self.rows.freedom,
             self.rows.excess,
+            self.sessions[-1].case.acting,
         )
         entries = selection.entries()
         models, log_evidence = self._weighted(selection, entries, about)

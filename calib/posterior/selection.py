@@ -31,7 +31,7 @@ ADOPTED = 4.0
 """Unremarkable sizes, or as many as its model states if these are more: by so much an adopted
 effect may have changed."""
 
-LOG_CAUSES = np.log([0.45, 0.42, 0.115, 0.015])
+CAUSES = (0.45, 0.42, 0.115, 0.015)
 """Prior of 0, 1, 2 and 3 components: each further one a quarter as likely, and less, for any three
 fit nearly any shape."""
 
@@ -53,6 +53,17 @@ LIGHTEST = 1e-4
 
 Key = tuple[tuple[int, float], ...]
 """Components of a model, each with its scale."""
+
+
+def log_causes(acting: int) -> FloatArray:
+    """Log prior ``(4,)`` of 0 to 3 components beside ``acting`` ones that were adopted.
+
+    Of a machine of which so many are known to act a further one is as likely as it was beside them
+    when they were named; beyond three the last ratio goes on.
+    """
+    beyond = CAUSES[-1] * (CAUSES[-1] / CAUSES[-2]) ** np.arange(1, len(CAUSES))
+    first = min(acting, len(CAUSES) - 1)
+    return np.asarray(np.log(np.concatenate([CAUSES, beyond])[first : first + len(CAUSES)]))
 
 
 @dataclass(frozen=True)
@@ -110,7 +121,8 @@ class ModelSelection:
     """Components to select from: columns ``columns[k]`` of each, log priors, what tells the noise.
 
     ``log_prior`` ``(k,)`` is spread over the scales, or has a row for each, ``(scales, k)``.
-    ``excess`` is the square sum of readings that disagree with their repeats.
+    ``excess`` is the square sum of readings that disagree with their repeats, ``acting`` the number
+    of adopted effects.
     """
 
     products: Products
@@ -119,6 +131,11 @@ class ModelSelection:
     free: int
     freedom: float
     excess: float = 0.0
+    acting: int = 0
+
+    @cached_property
+    def _log_causes(self) -> FloatArray:
+        return log_causes(self.acting)
 
     @cached_property
     def _log_prior(self) -> FloatArray:
@@ -137,7 +154,7 @@ class ModelSelection:
         explained = self._explained_part(key, slice(0))
         square = np.array(self.products.square - float(explained.along @ explained.along))
         room = np.array(self.products.room + explained.room)
-        cost = float(LOG_CAUSES[len(key)]) + sum(self._cost(*member) for member in key)
+        cost = float(self._log_causes[len(key)]) + sum(self._cost(*member) for member in key)
         log_weight = float(self.log_evidence(square, room)) + cost
         return ModelEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log_weight)
 
@@ -170,7 +187,7 @@ class ModelSelection:
                 log = self.log_evidence(remainder, room[:, None])
                 log = log + log_prior[members[is_among]][:, None]
                 best = np.maximum(best, log.max(axis=0))
-        return np.asarray(best + LOG_CAUSES[1])
+        return np.asarray(best + self._log_causes[1])
 
     @cached_property
     def _blocks(self) -> list[tuple[IntArray, IntArray, FloatArray]]:
@@ -203,7 +220,7 @@ class ModelSelection:
     def log_weights(self, key: Key = ()) -> FloatArray:
         """Log weights ``(scales, components)`` of a model with one component more than these."""
         log = self.log_evidence(*self.one_more(key)) + self._log_prior
-        log += LOG_CAUSES[len(key) + 1] + sum(self._cost(*member) for member in key)
+        log += self._log_causes[len(key) + 1] + sum(self._cost(*member) for member in key)
         log[:, [member for member, _ in key]] = -math.inf
         return log
 
@@ -341,18 +358,22 @@ class ModelSelection:
         room = self.products.room - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
         square = self.products.square - (explained**2).sum(axis=1)
         prior = self._log_prior[scale[:, 0], first] + self._log_prior[scale[:, 1], second]
-        return np.asarray(self.log_evidence(square, room) + prior + LOG_CAUSES[2])
+        return np.asarray(self.log_evidence(square, room) + prior + self._log_causes[2])
 
     def _cost(self, member: int, scale: float) -> float:
         return float(self._log_prior[SCALES.index(scale), member])
 
 
 def log_prior_odds(
-    members: Sequence[int], scales: Sequence[float], components: Sequence[Component]
+    members: Sequence[int], scales: Sequence[float], components: Sequence[Component], acting: int
 ) -> float:
-    """Log prior of a model with these components at these scales, less that of one without any."""
+    """Log prior of a model with these components at these scales, less that of one without any.
+
+    Of effects that were adopted there are ``acting``.
+    """
     scaled = zip(members, scales, strict=True)
     log_prior = sum(
         components[k].log_prior + LOG_SCALES[SCALES.index(scale)] for k, scale in scaled
     )
-    return float(LOG_CAUSES[len(members)] - LOG_CAUSES[0] + log_prior)
+    causes = log_causes(acting)
+    return float(causes[len(members)] - causes[0] + log_prior)

@@ -57,6 +57,20 @@ def test_a_wrong_size_of_the_model_is_found_again(observations: object) -> None:
     assert u_mm == pytest.approx(value_and_deviation(without, (PLAY, "z"))[1], rel=0.2)
 
 
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_what_is_adopted_leaves_the_bound_of_who_named_it(seed: int) -> None:
+    """A further effect was as likely again as on a machine of which nothing is known."""
+    session = case(SWEEP, EffectInstance(PLAY, "z", (0.05,)), seed=seed)
+    bounds_mm = [
+        correction(answer, "play").off.bound_mm["touched-off"]
+        for answer in (
+            posterior([session]),
+            posterior([adopted(session, EffectInstance(PLAY, "z", (0.05,)))]),
+        )
+    ]
+    assert bounds_mm[1] == pytest.approx(bounds_mm[0], rel=0.15)  # it was 1.3 to 2.5 times
+
+
 def test_less_play_than_the_model_holds_is_named() -> None:
     """No machine has play below 0; beside 0.04 mm of the model it may have 0.02 mm less."""
     session = case(SWEEP, EffectInstance(PLAY, "z", (0.02,)), seed=4)

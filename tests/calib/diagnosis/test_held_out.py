@@ -16,7 +16,7 @@ from calib.diagnosis.held_out import left_out_postures, on_other_sessions
 from calib.posterior.cells import Cells
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
-from calib.posterior.selection import LOG_CAUSES, LOG_SCALES, SCALES
+from calib.posterior.selection import CAUSES, LOG_SCALES, SCALES
 from calib.tripod.effects.effect import EffectInstance
 from tests.calib.diagnosis.diagnosed_sessions import LAWS, SHORT, SWEEP, case
 from tests.conftest import LONG, first_quick
@@ -67,7 +67,7 @@ class Refit:
         log = -0.5 * np.linalg.slogdet(inner_covariance)[1] - power * math.log(
             rows.freedom + square
         )
-        log += LOG_CAUSES[len(model)] + sum(components[k].log_prior for k, _ in model)
+        log += math.log(CAUSES[len(model)]) + sum(components[k].log_prior for k, _ in model)
         return float(log + sum(LOG_SCALES[SCALES.index(scale)] for _, scale in model))
 
     def missed(self, model: Model) -> FloatArray:

@@ -46,11 +46,11 @@ def part(value: float) -> str:
 
 SORTS = library.SORTS
 HARMONICS_IN_WORDS = {2: "two", 3: "three", 4: "four"}[empirical.HARMONICS]
-CAUSES = np.exp(selection.LOG_CAUSES)
+CAUSES = selection.CAUSES
 SCALES = [f"{scale:g}" for scale in selection.SCALES]
 PRIORS = [f"{prior:g}" for prior in np.exp(selection.LOG_SCALES).round(12)]
 STATED = [statement.prior for statement in statements.AS_STATED]
-CASES = [f"{prior:g}" for prior in CAUSES.round(12)]
+CASES = [f"{prior:g}" for prior in CAUSES]
 
 
 @pytest.mark.parametrize(

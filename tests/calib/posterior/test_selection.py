@@ -12,8 +12,8 @@ from scipy.stats import multivariate_normal, multivariate_t
 
 from calib.arrays import FloatArray, IntArray
 from calib.posterior.selection import (
+    CAUSES,
     LIGHTEST,
-    LOG_CAUSES,
     LOG_SCALES,
     NARROW,
     SCALES,
@@ -60,7 +60,7 @@ def dense(design: FloatArray, y: FloatArray, selection: ModelSelection, largest:
         for members in combinations(range(len(selection.columns)), count):
             for rows in product(range(len(SCALES)), repeat=count):
                 model = tuple((k, SCALES[r]) for k, r in zip(members, rows, strict=True))
-                prior = LOG_CAUSES[count] + sum(selection.log_prior[k] for k in members)
+                prior = math.log(CAUSES[count]) + sum(selection.log_prior[k] for k in members)
                 prior += sum(LOG_SCALES[r] for r in rows)
                 log[model] = dense_log_evidence(design, y, selection, model) + float(prior)
     top = max(log.values())
@@ -162,4 +162,4 @@ def test_the_best_single_component_for_other_readings_is_that_of_all_weighed_den
         )
         square = np.array(float(readings @ readings))
         of_nothing = float(selection.log_evidence(square, np.zeros(())))
-        assert weight - of_nothing == pytest.approx(expected + LOG_CAUSES[1] - plain)
+        assert weight - of_nothing == pytest.approx(expected + math.log(CAUSES[1]) - plain)

@@ -290,18 +290,21 @@ def _placed_parameters(
 
 def free_effects(
     model: ModelFile, effects: Sequence[Effect] = CATALOGUE
-) -> frozenset[tuple[Effect, str]]:
-    """Laws of a model at their places, less those of which a person holds any size.
+) -> dict[tuple[Effect, str], tuple[int, str]]:
+    """Laws of a model at their places, with the number of their entry and the keys of their values.
 
-    Raises RecordError as `to_model` does.
+    Without those of which a person holds any size. Raises RecordError as `to_model` does.
     """
     geometry = model.machine.geometry()
-    places: dict[bool, set[tuple[Effect, str]]] = {True: set(), False: set()}
-    for entry in model.effects:
+    laws: dict[bool, dict[tuple[Effect, str], tuple[int, str]]] = {True: {}, False: {}}
+    for number, entry in enumerate(model.effects):
         is_held = any(parameter.held for parameter in entry.parameters.values())
         placed = placed_effects(entry, effects, geometry, "model")
-        places[is_held] |= {(instance.effect, instance.place) for instance in placed}
-    return frozenset(places[False] - places[True])
+        parameters = [*_placed_parameters(entry, placed[0].effect, geometry)]
+        for instance in placed:
+            keys = " ".join(key for key, _, places in parameters if instance.place in places)
+            laws[is_held][instance.effect, instance.place] = number, keys
+    return {law: size for law, size in laws[False].items() if law not in laws[True]}
 
 
 def with_expected(

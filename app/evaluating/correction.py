@@ -193,7 +193,7 @@ class ControllerCorrections:
         model: Model,
         frame: Frame | None = None,
         effects: Sequence[Effect] | None = None,
-        free: frozenset[tuple[Effect, str]] = frozenset(),
+        free: Mapping[tuple[Effect, str], tuple[int, str]] | None = None,
     ) -> Self:
         """``model`` has the effects of an adopted model; sizes of those that are ``free`` vary.
 
@@ -363,7 +363,7 @@ class ControllerCorrections:
 
 
 def case_of(
-    session: Session, model: Model, free: frozenset[tuple[Effect, str]] = frozenset()
+    session: Session, model: Model, free: Mapping[tuple[Effect, str], tuple[int, str]] | None = None
 ) -> SessionCase:
     """A session with the load that its tool carried; laws that are ``free`` as in its case.
 
@@ -377,7 +377,7 @@ def case_of(
 def case_of_machine(
     machine: Machine,
     model: Model,
-    free: frozenset[tuple[Effect, str]],
+    free: Mapping[tuple[Effect, str], tuple[int, str]] | None,
     observations: Observations,
     indicator: IndicatorFigures,
 ) -> SessionCase:
@@ -387,7 +387,7 @@ def case_of_machine(
         observations,
         indicator,
         machine.tolerances_mm(),
-        free=free,
+        free=free or {},
         geometry=machine.geometry_tolerances(),
         state=(machine.name, machine.adjusted),
         entered_mm=machine.entered_offsets_mm,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -261,7 +261,7 @@ def diagnose_sessions(
     effects = known_effects() if effects is None else effects
     nominal = Model(sessions[0].opened.machine.geometry())
     warnings: list[str] = []
-    free: frozenset[tuple[Effect, str]] = frozenset()
+    free: Mapping[tuple[Effect, str], tuple[int, str]] = {}
     if model:
         model_file = read_model_file(model)
         nominal = to_model(model_file, f"model {model}", effects)

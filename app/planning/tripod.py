@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from glob import escape
 from pathlib import Path
@@ -262,7 +262,7 @@ def next_measurement(
     machine, model = _machine_and_model(sessions, machine_file, model_file)
     noise, noise_source = stated_noise(machine, noise_mm)
     nominal = Model(model.geometry).with_effects(model.effects)
-    free: frozenset[tuple[Effect, str]] = frozenset()
+    free: Mapping[tuple[Effect, str], tuple[int, str]] = {}
     if model_file:
         free = free_effects(read_model_file(model_file), known_effects())
     cases = [case_of(session, nominal, free) for session in sessions]

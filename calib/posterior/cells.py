@@ -94,7 +94,8 @@ class SessionCase:
     ``tolerance_mm`` ``(6,)`` are standard deviations of joint offsets and bar lengths, and
     ``length_correlation`` how alike bars are off, from 0 to below 1. Where these
     readings tell no noise, that of ``others`` holds: of sessions with the same indicators. Effects
-    of the model that are ``free``, laws at places, have other sizes than it states. ``geometry``
+    of the model that are ``free``, laws at places, have other sizes than it states; those with the
+    same number of the effect and words for its values share theirs. ``geometry``
     are parameters of the drives' lines, laws at places, with their standard deviations;
     ``radius_mm`` is that of the radius of all towers, where it may be a guess; each then stands
     elsewhere round the plate, too (`ROUND_GUESSED`). What is ``as_stated`` is as the model has it,
@@ -108,7 +109,7 @@ class SessionCase:
     indicator: IndicatorFigures
     tolerance_mm: FloatArray
     others: Noise | None = None
-    free: frozenset[tuple[Effect, str]] = frozenset()
+    free: Mapping[tuple[Effect, str], tuple[int, str]] = field(default_factory=dict)
     geometry: Mapping[tuple[Effect, str], float] = field(default_factory=dict)
     as_stated: Statement = NOTHING
     state: Hashable | None = None
@@ -138,9 +139,21 @@ class SessionCase:
         return spread
 
     @property
+    def of_one_size(self) -> list[list[tuple[Effect, str]]]:
+        """Laws at the places that share the size of an adopted effect."""
+        laws_by_size: dict[object, list[tuple[Effect, str]]] = {}
+        for instance in self.model.effects:
+            if not isinstance(instance, EffectInstance):
+                continue
+            law = instance.effect, instance.place
+            if law in self.free and law not in self.lines:
+                laws_by_size.setdefault((law[0], self.free[law]), []).append(law)
+        return [laws for laws in laws_by_size.values() if len(laws) > 1]
+
+    @property
     def acting(self) -> int:
         """How many effects were adopted, wherever each acts."""
-        return len({law.id for law, _ in self.free})
+        return len({number for number, _ in self.free.values()})
 
     @property
     def _bars_mm(self) -> tuple[FloatArray, FloatArray]:

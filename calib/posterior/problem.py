@@ -109,16 +109,21 @@ class PosteriorProblem:
         """Standard deviations of the base ``(b, b)``, of parameters that are off alike a root."""
         root = np.diag(np.concatenate([self.rows.spread, *map(self.spread_of, self.everywhere)]))
         case = self.sessions[-1].case
-        place, at = {}, len(self.rows.spread)
+        little, places, at = EVERYWHERE * np.ones(len(root)), {}, len(self.rows.spread)
         for k in self.everywhere:
             (share,) = self.components[k].shares
-            place[share.effect, share.place] = at
+            places[share.effect, share.place] = at + np.arange(len(self.components[k].unit))
+            little[places[share.effect, share.place]] *= self.components[k].unit
             at += len(self.components[k].unit)
-        numbers = [number for number, law in enumerate(case.lines) if law in place]
-        index = [place[law] for law in case.lines if law in place]
+        numbers = [number for number, law in enumerate(case.lines) if law in places]
+        index = [int(places[law][0]) for law in case.lines if law in places]
         root[np.ix_(index, index)] = np.linalg.cholesky(
             (case.lines_root @ case.lines_root.T)[np.ix_(numbers, numbers)]
         )
+        for laws in case.of_one_size:  # beside it each has a little of its own, as any law
+            alike = [places[law] for law in laws if law in places]
+            for own in alike[1:]:
+                root[own, alike[0]], root[own, own] = root[own, own], little[own]
         return root
 
     def solved(self, *, with_play: bool = False) -> SolvedSessions[Posterior]:

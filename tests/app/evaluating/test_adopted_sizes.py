@@ -84,6 +84,10 @@ def test_every_place_of_an_effect_is_free_unless_one_of_its_sizes_is_held() -> N
     assert {(law.id, place) for law, place in free_effects(file)} == {
         (name, place) for name in ("backlash", "actuator_scale") for place in "xyz"
     }
+    numbers = {law.id: 0 for law, _ in free_effects(file)}
+    for (law, _), size in free_effects(file).items():
+        numbers[law.id] += sum(size == other_size for other_size in free_effects(file).values())
+    assert numbers == {"backlash": 3, "actuator_scale": 9}, "each its own, and one of all three"
     one_held = {**sizes, "play_y": sizes["play_y"].model_copy(update={"held": True})}
     entry = play.model_copy(update={"parameters": one_held})
     held_file = ModelFile(machine=Machine(), effects=(entry, shared))

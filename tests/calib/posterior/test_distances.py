@@ -96,7 +96,8 @@ def touched(true: Truth, generator: np.random.Generator, model: Model | None = N
         cycle=np.repeat(np.arange(CYCLES) + 1, len(PLACES)),
     )
     observations = observe(contacts, -(noisy - mean).ravel())
-    free = frozenset[tuple[Effect, str]](RADIUS_LAWS if model else ())
+    laws: tuple[tuple[Effect, str], ...] = RADIUS_LAWS if model else ()
+    free = {law: (number, "") for number, law in enumerate(laws)}
     tolerance = MACHINE.tolerances_mm()
     return SessionCase(
         model or Model(DELTA), observations, IndicatorFigures(), tolerance, free=free

@@ -102,7 +102,7 @@ def test_without_a_play_a_little_departure_is_no_mistake() -> None:
 
 def test_an_adopted_play_makes_a_first_take_within_it_usual() -> None:
     session = within(SWEEP, (0.5, 0.0), seed=23)
-    variant = replace(session, model=Model(effects=(PLAY,)), free=frozenset([(Backlash(), "x")]))
+    variant = replace(session, model=Model(effects=(PLAY,)), free={(Backlash(), "x"): (0, "")})
     assert posterior([variant]).mistakes["first_take", "y"] > 0.5
 
 

@@ -16,7 +16,7 @@ from calib.errors import RecordError
 from calib.identify.fit import Size
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
 from calib.tripod.effects.drives import AxisLean, StraightnessOfFourthOrder, cyclic_of, effects_of
-from calib.tripod.effects.effect import Effect, EffectInstance
+from calib.tripod.effects.effect import AdoptedLaws, AdoptedSize, Effect, EffectInstance
 from calib.tripod.effects.empirical import BASES, EMPIRICAL, empirical_effect
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import Model
@@ -288,15 +288,13 @@ def _placed_parameters(
         yield key, numbers[parameter.of or key], places
 
 
-def free_effects(
-    model: ModelFile, effects: Sequence[Effect] = CATALOGUE
-) -> dict[tuple[Effect, str], tuple[int, str]]:
+def free_effects(model: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> AdoptedLaws:
     """Laws of a model at their places, with the number of their entry and the keys of their values.
 
     Without those of which a person holds any size. Raises RecordError as `to_model` does.
     """
     geometry = model.machine.geometry()
-    laws: dict[bool, dict[tuple[Effect, str], tuple[int, str]]] = {True: {}, False: {}}
+    laws: dict[bool, dict[tuple[Effect, str], AdoptedSize]] = {True: {}, False: {}}
     for number, entry in enumerate(model.effects):
         is_held = any(parameter.held for parameter in entry.parameters.values())
         placed = placed_effects(entry, effects, geometry, "model")

@@ -32,7 +32,7 @@ from calib.posterior.posterior import posterior
 from calib.quantity import INTERNAL
 from calib.tripod.controller import left_by_tables_mm, table_of
 from calib.tripod.effects.drives import Backlash
-from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.effects.effect import AdoptedLaws, EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model, Stage
 from protocols.observations import indicator_figures, measured_distances, to_observations
@@ -193,7 +193,7 @@ class ControllerCorrections:
         model: Model,
         frame: Frame | None = None,
         effects: Sequence[Effect] | None = None,
-        free: Mapping[tuple[Effect, str], tuple[int, str]] | None = None,
+        free: AdoptedLaws | None = None,
     ) -> Self:
         """``model`` has the effects of an adopted model; sizes of those that are ``free`` vary.
 
@@ -362,9 +362,7 @@ class ControllerCorrections:
         return any(gain.clear and self.of(gain.holds).helps for gain in gains)
 
 
-def case_of(
-    session: Session, model: Model, free: Mapping[tuple[Effect, str], tuple[int, str]] | None = None
-) -> SessionCase:
+def case_of(session: Session, model: Model, free: AdoptedLaws | None = None) -> SessionCase:
     """A session with the load that its tool carried; laws that are ``free`` as in its case.
 
     Joint offsets are those of sessions between which no part was moved, less what was entered.
@@ -377,7 +375,7 @@ def case_of(
 def case_of_machine(
     machine: Machine,
     model: Model,
-    free: Mapping[tuple[Effect, str], tuple[int, str]] | None,
+    free: AdoptedLaws | None,
     observations: Observations,
     indicator: IndicatorFigures,
 ) -> SessionCase:

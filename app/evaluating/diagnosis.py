@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -27,7 +27,7 @@ from calib.posterior.planning import Planner, Reach, Separation
 from calib.posterior.tool import Frame
 from calib.quantity import Quantity
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.effect import Effect, Kind
+from calib.tripod.effects.effect import AdoptedLaws, Effect, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
@@ -261,7 +261,7 @@ def diagnose_sessions(
     effects = known_effects() if effects is None else effects
     nominal = Model(sessions[0].opened.machine.geometry())
     warnings: list[str] = []
-    free: Mapping[tuple[Effect, str], tuple[int, str]] = {}
+    free: AdoptedLaws = {}
     if model:
         model_file = read_model_file(model)
         nominal = to_model(model_file, f"model {model}", effects)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -45,7 +45,7 @@ if TYPE_CHECKING:  # asked for by option only
     from calib.identify.fit import Size
     from calib.posterior.correction import Holds, ToolOff
     from calib.posterior.models import Posterior
-    from calib.tripod.effects.effect import Effect
+    from calib.tripod.effects.effect import AdoptedLaws
     from calib.tripod.workspace import PlaneMap
     from protocols.machine import Machine
     from protocols.model_file import ModelFile
@@ -470,7 +470,7 @@ def solve_sessions(
     machine = sessions[0].opened.machine
     start = Model(machine.geometry())
     sizes: tuple[Size, ...] = ()
-    free: Mapping[tuple[Effect, str], tuple[int, str]] = {}
+    free: AdoptedLaws = {}
     if model is not None:
         start, sizes, free = _of(model, machine, method)
     case = IdentificationCase.of(start, observations, indicator_figures(sessions), sizes)
@@ -487,7 +487,7 @@ def solve_sessions(
 
 def _of(
     model: ModelFile, machine: Machine, method: Method
-) -> tuple[Model, tuple[Size, ...], Mapping[tuple[Effect, str], tuple[int, str]]]:
+) -> tuple[Model, tuple[Size, ...], AdoptedLaws]:
     """Where a fit with this model begins, what it frees of the effects, and `free_effects`."""
     from app.evaluating.own_effects import known_effects  # files of users: only where asked for
     from protocols.model_file import free_effects, sizes_of, to_model

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from glob import escape
 from pathlib import Path
@@ -22,7 +22,7 @@ from calib.posterior.measurements import USUAL_PACE, Pace, candidates, nothing_m
 from calib.posterior.planning import FurtherSetUp, Planner, Proposal
 from calib.posterior.posterior import posterior
 from calib.quantity import Quantity
-from calib.tripod.effects.effect import Effect
+from calib.tripod.effects.effect import AdoptedLaws, Effect
 from calib.tripod.optimum import Orders
 from calib.tripod.pipeline import Model
 from calib.tripod.planning import TripodPlanning
@@ -262,7 +262,7 @@ def next_measurement(
     machine, model = _machine_and_model(sessions, machine_file, model_file)
     noise, noise_source = stated_noise(machine, noise_mm)
     nominal = Model(model.geometry).with_effects(model.effects)
-    free: Mapping[tuple[Effect, str], tuple[int, str]] = {}
+    free: AdoptedLaws = {}
     if model_file:
         free = free_effects(read_model_file(model_file), known_effects())
     cases = [case_of(session, nominal, free) for session in sessions]

@@ -41,7 +41,7 @@ from calib.tripod.effects.bars import LegLength
 from calib.tripod.effects.candidates import place_columns
 from calib.tripod.effects.contacts import ROUND, SHAPES
 from calib.tripod.effects.drives import AxisOffset
-from calib.tripod.effects.effect import Effect, EffectInstance
+from calib.tripod.effects.effect import AdoptedLaws, Effect, EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 
@@ -94,8 +94,8 @@ class SessionCase:
     ``tolerance_mm`` ``(6,)`` are standard deviations of joint offsets and bar lengths, and
     ``length_correlation`` how alike bars are off, from 0 to below 1. Where these
     readings tell no noise, that of ``others`` holds: of sessions with the same indicators. Effects
-    of the model that are ``free``, laws at places, have other sizes than it states; those with the
-    same number of the effect and words for its values share theirs. ``geometry``
+    of the model that are ``free``, laws at places, have other sizes than it states; places
+    of one `AdoptedSize` share theirs. ``geometry``
     are parameters of the drives' lines, laws at places, with their standard deviations;
     ``radius_mm`` is that of the radius of all towers, where it may be a guess; each then stands
     elsewhere round the plate, too (`ROUND_GUESSED`). What is ``as_stated`` is as the model has it,
@@ -109,7 +109,7 @@ class SessionCase:
     indicator: IndicatorFigures
     tolerance_mm: FloatArray
     others: Noise | None = None
-    free: Mapping[tuple[Effect, str], tuple[int, str]] = field(default_factory=dict)
+    free: AdoptedLaws = field(default_factory=dict)
     geometry: Mapping[tuple[Effect, str], float] = field(default_factory=dict)
     as_stated: Statement = NOTHING
     state: Hashable | None = None

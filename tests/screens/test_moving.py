@@ -338,27 +338,25 @@ async def test_a_board_that_its_port_reset_is_homed_from_here_with_a_word_for_it
         await moved.go()  # no question whether it is homed: it was seen
 
 
+async def asked_whether_it_was_homed(moved: Moved) -> None:
+    """G asks on a board that cannot tell; nothing moved yet."""
+    await moved.says("G moves it to Zero")
+    await moved.pilot.pause(QUIET_S)
+    await moved.pilot.press("g")
+    await until(moved.pilot, "question", lambda: isinstance(moved.interface.screen, ChoiceDialog))
+    assert not moved.twin.moves
+
+
 async def test_a_board_that_cannot_tell_is_homed_by_the_operators_word(tmp_path: Path) -> None:
     async with measuring(tmp_path, "grbl") as moved:
-        await moved.says("G moves it to Zero")
-        await moved.pilot.pause(QUIET_S)
-        await moved.pilot.press("g")
-        await until(
-            moved.pilot, "question", lambda: isinstance(moved.interface.screen, ChoiceDialog)
-        )
-        assert not moved.twin.moves
+        await asked_whether_it_was_homed(moved)
         await moved.pilot.press("1")
         await moved.go()
 
 
 async def test_a_board_that_was_not_homed_is_homed_from_here(tmp_path: Path) -> None:
     async with measuring(tmp_path, "grbl") as moved:
-        await moved.says("G moves it to Zero")
-        await moved.pilot.pause(QUIET_S)
-        await moved.pilot.press("g")
-        await until(
-            moved.pilot, "question", lambda: isinstance(moved.interface.screen, ChoiceDialog)
-        )
+        await asked_whether_it_was_homed(moved)
         await moved.pilot.press("2")
         await moved.dialog()
         assert "found not homed" in text(moved.interface, "#event")

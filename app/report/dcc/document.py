@@ -110,8 +110,8 @@ def check_head(head: CertificateHead | None) -> CertificateHead:
     """What the schema asks for is stated. Raises UsageError."""
     thing = "a certificate as XML"
     if head is None:
-        allowed_words = "no number, customer and laboratory"
-        raise UsageError(thing, allowed_words, "a report with --certificate FILE")
+        missing = "no number, customer and laboratory"
+        raise UsageError(thing, missing, "a report with --certificate FILE")
     if head.laboratory.country is None:
         raise UsageError(
             thing,

@@ -99,7 +99,7 @@ def source_from(certified: CertifiedPostures) -> ReportSource:
 
 def report_page(certified: CertifiedPostures) -> CalibrationReport:
     """The report of results that are there."""
-    result, later = certified.result, certified.later
+    result, later, limits = certified.result, certified.later, certified.limits
     calibration = result.calibration
     document = HexaSlideCalibrationReport.of(calibration)
     calibrated = machine_like(calibration.source.machine, "", calibration.entered)
@@ -117,10 +117,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
         second_page=[
             Section("Entered and verified", _verified(later.verification if later else None)),
             Section("What is left at each posture", _charts(calibration)),
-            Section(
-                "Limits of this result",
-                shortened_limits(certified.limits, LONGEST),
-            ),
+            Section("Limits of this result", shortened_limits(limits, LONGEST)),
         ],
         sections=[
             Section(
@@ -132,7 +129,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
                 "Parameters",
                 [parameter_table(document), *figure_lines(document, calibration.fit.factor)],
             ),
-            Section("What limits this result", certified.limits),
+            Section("What limits this result", limits),
             Section("What is missing from the model", missing_parts(result)),
             Section(
                 "What the calibrated machine leaves",

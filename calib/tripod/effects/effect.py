@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import permutations
@@ -344,3 +344,10 @@ class OfReading(Law):
 def moved_foot(leg: int, towards: FloatArray, sideways_mm: NDArray[Any]) -> NDArray[Any]:
     """The change of feet ``(..., n, 3, 3)``, one moved by ``(..., n)`` along a unit vector."""
     return np.asarray(sideways_mm[..., None, None] * np.outer(np.eye(3)[leg], towards))
+
+
+AdoptedSize = tuple[int, str]
+"""The number of an adopted effect, and the keys of its values: equal ones are one size."""
+
+AdoptedLaws = Mapping[tuple[Effect, str], AdoptedSize]
+"""Laws of adopted effects at their places."""

@@ -15,7 +15,7 @@ from calib.arrays import FloatArray
 from calib.errors import CalibrationError, RecordError, UsageError
 from calib.tripod.effects.contacts import contact_tolerances
 from calib.tripod.effects.drives import geometry_tolerances
-from calib.tripod.effects.effect import Effect
+from calib.tripod.effects.effect import Placed
 from calib.tripod.geometry import USABLE_BAR, Geometry
 from protocols.documents import (
     LARGEST_MM,
@@ -291,7 +291,7 @@ class Machine(Document):
         """Tolerance of each base parameter ``(6,)``, in their order."""
         return np.repeat([self.offset_tolerance_mm, self.length_tolerance_mm], 3)
 
-    def geometry_tolerances(self) -> dict[tuple[Effect, str], float]:
+    def geometry_tolerances(self) -> dict[Placed, float]:
         """Laws of drives' lines, plate and platform at their places, with tolerances."""
         tolerances = self.across_tolerance_mm, self.lean_tolerance_mrad, self.scale_tolerance_mm_m
         contacts = self.plate_bow_tolerance_mm, self.platform_tilt_tolerance_mrad

@@ -16,7 +16,7 @@ from calib.errors import RecordError
 from calib.identify.fit import Size
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
 from calib.tripod.effects.drives import AxisLean, StraightnessOfFourthOrder, cyclic_of, effects_of
-from calib.tripod.effects.effect import AdoptedLaws, AdoptedSize, Effect, EffectInstance
+from calib.tripod.effects.effect import AdoptedLaws, AdoptedSize, Effect, EffectInstance, Placed
 from calib.tripod.effects.empirical import BASES, EMPIRICAL, empirical_effect
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import Model
@@ -294,7 +294,7 @@ def free_effects(model: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> Ado
     Without those of which a person holds any size. Raises RecordError as `to_model` does.
     """
     geometry = model.machine.geometry()
-    laws: dict[bool, dict[tuple[Effect, str], AdoptedSize]] = {True: {}, False: {}}
+    laws: dict[bool, dict[Placed, AdoptedSize]] = {True: {}, False: {}}
     for number, entry in enumerate(model.effects):
         is_held = any(parameter.held for parameter in entry.parameters.values())
         placed = placed_effects(entry, effects, geometry, "model")
@@ -307,7 +307,7 @@ def free_effects(model: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> Ado
 
 def with_expected(
     model: ModelFile,
-    size_of: Callable[[Sequence[tuple[Effect, str]]], tuple[FloatArray, FloatArray]],
+    size_of: Callable[[Sequence[Placed]], tuple[FloatArray, FloatArray]],
     effects: Sequence[Effect],
 ) -> ModelFile:
     """The model with sizes as sessions let expect them, and how well each is known.

@@ -35,14 +35,13 @@ from calib.posterior.cells import Cells
 from calib.posterior.gaussian import About
 from calib.posterior.readings import (
     LENGTHS,
-    Placed,
     Rows,
     depends_on_time,
-    placed_columns,
     rows_of,
 )
 from calib.stats import variance_ratio_p_value
-from calib.tripod.effects.effect import Effect, EffectInstance
+from calib.tripod.effects.candidates import placed_columns
+from calib.tripod.effects.effect import Effect, EffectInstance, Placed
 
 LOOSE = 1e4
 """Standard deviations of a mean within which a zero may be anything."""

@@ -116,6 +116,7 @@ def readings_apart(screen: Screen) -> Iterator[Scored]:
     contacts = bool(visits.contact.any())
     slips = () if contacts else _slips(screen)  # there is no stand
     apart = *single_readings(screen), *_first_takes(visits), *_postures_off(screen), *slips
+    middle_mm = float(np.median(root))
     for suspect in apart:
         # a shift of few rows: its products need no more than these
         within = np.array([(1.0 / root[rows]) @ screen.basis[rows] for rows in suspect.groups])
@@ -126,7 +127,7 @@ def readings_apart(screen: Screen) -> Iterator[Scored]:
         if sizes[0] < 1e-6 / float(root.max()) ** 2:
             continue
         off_mm = np.linalg.solve(inner, along)
-        if np.abs(off_mm).max() < LEAST[suspect.id] * np.median(root):
+        if np.abs(off_mm).max() < LEAST[suspect.id] * middle_mm:
             continue
         gain = screen.log_likelihood(
             screen.square - float(off_mm @ inner @ off_mm), len(suspect.groups)

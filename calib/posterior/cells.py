@@ -38,10 +38,10 @@ from calib.posterior.gaussian import About, LittleOfAll
 from calib.posterior.selection import ADOPTED
 from calib.posterior.statements import NOTHING, Statement
 from calib.tripod.effects.bars import LegLength
-from calib.tripod.effects.candidates import place_columns
+from calib.tripod.effects.candidates import placed_columns
 from calib.tripod.effects.contacts import ROUND, SHAPES
 from calib.tripod.effects.drives import AxisOffset
-from calib.tripod.effects.effect import AdoptedLaws, Effect, EffectInstance
+from calib.tripod.effects.effect import AdoptedLaws, Effect, EffectInstance, Placed
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 
@@ -110,7 +110,7 @@ class SessionCase:
     tolerance_mm: FloatArray
     others: Noise | None = None
     free: AdoptedLaws = field(default_factory=dict)
-    geometry: Mapping[tuple[Effect, str], float] = field(default_factory=dict)
+    geometry: Mapping[Placed, float] = field(default_factory=dict)
     as_stated: Statement = NOTHING
     state: Hashable | None = None
     entered_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -120,7 +120,7 @@ class SessionCase:
     radius_mm: float = 0.0
 
     @cached_property
-    def free_spread(self) -> dict[tuple[Effect, str], FloatArray]:
+    def free_spread(self) -> dict[Placed, FloatArray]:
         """Standard deviations of each free law about its sizes in the model, in its units.
 
         Of parameters of geometry their tolerance; of an adopted effect `ADOPTED` unremarkable
@@ -139,9 +139,9 @@ class SessionCase:
         return spread
 
     @property
-    def of_one_size(self) -> list[list[tuple[Effect, str]]]:
+    def of_one_size(self) -> list[list[Placed]]:
         """Laws at the places that share the size of an adopted effect."""
-        laws_by_size: dict[object, list[tuple[Effect, str]]] = {}
+        laws_by_size: dict[object, list[Placed]] = {}
         for instance in self.model.effects:
             if not isinstance(instance, EffectInstance):
                 continue
@@ -186,7 +186,7 @@ class SessionCase:
         return np.asarray(self.spread_mm[:, None] * np.linalg.cholesky(self.base_correlation))
 
     @property
-    def lines(self) -> Mapping[tuple[Effect, str], float]:
+    def lines(self) -> Mapping[Placed, float]:
         """Parameters of geometry that every model has free about 0; adopted ones have a size."""
         radius_mm = self.radius_mm if self.as_stated.guessed else 0.0
         guessed_mm = {True: radius_mm, False: ROUND_GUESSED * radius_mm}
@@ -485,9 +485,9 @@ def _likeliest_mm2(case: SessionCase, visits: Observations) -> float:
 
 def _by_geometry(case: SessionCase, model: Model, conditions: Conditions) -> FloatArray:
     """What each parameter of geometry does to readings ``(n, k)``, per standard deviation, mm."""
-    laws = tuple(dict.fromkeys(law for law, _ in case.lines))
-    by_law = dict(zip(laws, place_columns(model, conditions, laws), strict=True))
-    columns = [by_law[law][place] for law, place in case.lines]
+    laws = list(dict.fromkeys(effect for effect, _ in case.lines))
+    placed = placed_columns(model, conditions, laws, case.lines)
+    columns = [placed[law] for law in case.lines]
     return np.hstack([np.zeros((len(conditions), 0)), *columns]) @ case.lines_root
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -10,15 +10,23 @@ from calib.arrays import FloatArray, IntArray
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.library import ELSE, OTHER_BARS, Component, other_bars, something_else
 from calib.posterior.models import LinearSessions
-from calib.posterior.readings import LENGTHS, Placed, Rows, placed_columns, rows_of
+from calib.posterior.readings import LENGTHS, Rows, rows_of
+from calib.tripod.effects.candidates import placed_columns
+from calib.tripod.effects.effect import Placed
 from calib.tripod.pipeline import Model
 
 
 def linear_about(
-    sessions: Sequence[Cells], models: Sequence[Model], components: Sequence[Component]
+    sessions: Sequence[Cells],
+    models: Sequence[Model],
+    components: Sequence[Component],
+    placed: Sequence[Mapping[Placed, FloatArray]] | None = None,
 ) -> tuple[LinearSessions, tuple[Component, ...], tuple[Placed, ...]]:
-    """The sessions about a model of each; components with as many values as they have columns."""
-    rows, placed_laws, blocks = rows_and_blocks(sessions, models, components)
+    """The sessions about a model of each; components with as many values as they have columns.
+
+    ``placed`` are `placed_columns` of each session, of these laws and others, where they are known.
+    """
+    rows, placed_laws, blocks = rows_and_blocks(sessions, models, components, placed)
     of_postures, squares = _of_postures(sessions, len(rows.residual))
     pairs = []
     for component, block in zip(components, blocks, strict=True):
@@ -41,14 +49,22 @@ def rows_and_blocks(
     sessions: Sequence[Cells],
     models: Sequence[Model],
     components: Sequence[Component],
+    placed: Sequence[Mapping[Placed, FloatArray]] | None = None,
     *,
     within: bool = True,
 ) -> tuple[Rows, tuple[Placed, ...], list[FloatArray]]:
-    """Rows about these models, laws at places, and the columns ``(n, r)`` of each component."""
-    laws = tuple(dict.fromkeys(s.effect for component in components for s in component.shares))
-    placed_laws = [
+    """Rows about these models, laws at places, and the columns ``(n, r)`` of each component.
+
+    ``placed`` as `linear_about` has them.
+    """
+    laws = list(dict.fromkeys(s.effect for component in components for s in component.shares))
+    placed = placed or [
         placed_columns(model, cells.means, laws)
         for model, cells in zip(models, sessions, strict=True)
+    ]
+    placed_laws = [
+        {law: columns for law, columns in of_session.items() if law[0] in laws}
+        for of_session in placed
     ]
     widths = {law: len(law[0].parameters) for by_law in placed_laws for law in by_law}
     rows = rows_of(sessions, models, placed_laws, widths, within=within)

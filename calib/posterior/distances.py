@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import Conditions, FloatArray, tool_conditions
-from calib.tripod.effects.candidates import place_columns
-from calib.tripod.effects.effect import Effect
+from calib.tripod.effects.candidates import placed_columns
+from calib.tripod.effects.effect import Placed
 from calib.tripod.pipeline import COMPLEX_STEP_MM, MOVES_THE_TOOL, Model, simulate
 
 
@@ -67,24 +67,19 @@ class Distances:
         derivatives = _length(self._apart(model, stepped)).imag.T / COMPLEX_STEP_MM
         return np.asarray(derivatives / self.deviation_mm[:, None])
 
-    def by_laws(
-        self, model: Model, laws: Iterable[tuple[Effect, str]]
-    ) -> dict[tuple[Effect, str], FloatArray]:
+    def by_laws(self, model: Model, laws: Iterable[Placed]) -> dict[Placed, FloatArray]:
         """Derivatives ``(n, k)`` by the values of laws at places that move the tool."""
         moving = {law for law in laws if law[0].stage in MOVES_THE_TOOL}
         effects = list(dict.fromkeys(effect for effect, _ in moving))
         apart = self._apart(model, np.array(model.parameters_mm))
         weight = apart / _length(apart)[:, None] / self.deviation_mm[:, None]
         n = len(self)
-        columns: dict[tuple[Effect, str], FloatArray] = {}
+        columns: dict[Placed, FloatArray] = {}
         for axis, marks in enumerate(self._marks):
-            for effect, at in zip(
-                effects, place_columns(_moving(model), marks, effects), strict=True
-            ):
-                for place, tool in at.items():
-                    part = weight[:, axis, None] * (tool[n:] - tool[:n])
-                    columns[effect, place] = columns.get((effect, place), 0.0) + part
-        return {law: columns[law] for law in columns.keys() & moving}
+            for law, tool in placed_columns(_moving(model), marks, effects, moving).items():
+                part = weight[:, axis, None] * (tool[n:] - tool[:n])
+                columns[law] = columns.get(law, 0.0) + part
+        return columns
 
     def _apart(self, model: Model, parameters_mm: NDArray[Any]) -> NDArray[Any]:
         """Ways from the first to the second mark ``(..., n, 3)`` for parameters ``(..., 6)``."""

@@ -24,9 +24,9 @@ from calib.posterior.apart import (
 from calib.posterior.cells import FINEST_MM, Cells
 from calib.posterior.library import Component
 from calib.posterior.models import WeightedModel
-from calib.posterior.readings import placed_columns
 from calib.posterior.screening import even_mm
 from calib.posterior.selection import SCALES
+from calib.tripod.effects.candidates import placed_columns
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.movements import departures_mm

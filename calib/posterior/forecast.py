@@ -32,10 +32,12 @@ from calib.posterior.correction import projector_of
 from calib.posterior.library import ELSE, something_else
 from calib.posterior.mixture import ExpectedReadings, Group, UpdatedGroup
 from calib.posterior.models import Posterior
-from calib.posterior.readings import LENGTHS, Placed, placed_columns
+from calib.posterior.readings import LENGTHS
 from calib.posterior.tool import Frame
 from calib.posterior.tool_errors import KEPT, InField
 from calib.stats import root_quantile
+from calib.tripod.effects.candidates import placed_columns
+from calib.tripod.effects.effect import Placed
 from calib.tripod.pipeline import Model
 
 HEAVIEST = 48

@@ -24,7 +24,7 @@ from calib.tripod.effects.drives import (
     StraightnessOfFourthOrder,
     effects_of,
 )
-from calib.tripod.effects.effect import Effect, EffectInstance, Kind
+from calib.tripod.effects.effect import Effect, EffectInstance, Kind, Placed
 from calib.tripod.effects.empirical import BASES, Coupling, Empirical, Repeating
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, Stage
@@ -121,10 +121,12 @@ def library(
     sessions: Sequence[tuple[Model, Conditions]],
     effects: Sequence[Effect] | None = None,
     beyond: Mapping[Effect, float] | None = None,
+    placed: Sequence[Mapping[Placed, FloatArray]] | None = None,
 ) -> list[Component]:
     """Components that these sessions can show; ``effects`` in place of the catalogue.
 
     ``beyond`` are tolerances of parameters beyond which they have a name: they are its unit.
+    ``placed`` are `placed_columns` of each session by all `laws` where they are known.
     """
     tolerances = beyond or {}
     effects = CATALOGUE if effects is None else effects
@@ -132,7 +134,7 @@ def library(
     components = []
     geometry = sessions[0][0].geometry
     travel_mm = max(geometry.travel_max_mm, -geometry.travel_min_mm)
-    candidates = candidates_together(sessions, laws(geometry, effects))
+    candidates = candidates_together(sessions, laws(geometry, effects), placed)
     for candidate in (*candidates, *_one_way(candidates)):
         nameless = candidate.kind == Kind.EMPIRICAL or candidate.id == "straightness_fourth"
         if nameless and candidate.arrangement != "one":

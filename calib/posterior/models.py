@@ -15,12 +15,12 @@ from calib.arrays import BLIND, FloatArray, IntArray
 from calib.posterior.apart import Mistake
 from calib.posterior.cells import Cells
 from calib.posterior.library import OTHER_BARS, Component
-from calib.posterior.readings import LENGTHS, Placed, Rows
+from calib.posterior.readings import LENGTHS, Rows
 from calib.posterior.statements import NOTHING, Statement
 from calib.posterior.tool import FRAMES, RIGID, Frame, ToolField
 from calib.posterior.tool_errors import InField, ToolErrors
 from calib.tripod.effects.drives import AxisOffset
-from calib.tripod.effects.effect import PER_THOUSAND, Effect, EffectInstance
+from calib.tripod.effects.effect import PER_THOUSAND, Effect, EffectInstance, Placed
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
 

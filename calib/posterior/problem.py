@@ -22,12 +22,15 @@ from calib.posterior.first_takes import log_priors, reached, within_plays
 from calib.posterior.gaussian import About, LittleOfAll
 from calib.posterior.labels import RivalModel, SolvedSessions
 from calib.posterior.library import ELSE, Component, library
+from calib.posterior.library import laws as library_laws
 from calib.posterior.models import LinearSessions, Posterior, WeightedModel, effects_of_tool
-from calib.posterior.readings import LENGTHS, Placed, Rows
+from calib.posterior.readings import LENGTHS, Rows
 from calib.posterior.selection import SCALES, Key, ModelEntry, ModelSelection, Products
 from calib.posterior.tool import laws_held, tool_field
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.candidates import placed_columns
 from calib.tripod.effects.drives import Backlash
-from calib.tripod.effects.effect import Effect, EffectInstance
+from calib.tripod.effects.effect import Effect, EffectInstance, Placed
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
 
@@ -75,8 +78,11 @@ class PosteriorProblem:
         """The problem of sessions of one machine: ``effects`` are those of the library, or all."""
         models = _with_common_lengths([cells.model for cells in sessions])
         measured = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
-        components = library(measured, effects, sessions[-1].case.named_beyond)
-        linear, sized, placed_laws = linear_about(sessions, models, components)
+        effects = CATALOGUE if effects is None else effects
+        every_law = library_laws(models[0].geometry, effects)
+        placed = [placed_columns(model, means, every_law) for model, means in measured]
+        components = library(measured, effects, sessions[-1].case.named_beyond, placed)
+        linear, sized, placed_laws = linear_about(sessions, models, components, placed)
         return cls(sessions, sized, linear.rows, linear.columns, linear.index, placed_laws)
 
     @cached_property

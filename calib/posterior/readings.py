@@ -7,38 +7,20 @@ columns can show. The cost of everything after goes with cells.
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-from calib.arrays import Conditions, FloatArray, set_up_unknowns
+from calib.arrays import FloatArray, set_up_unknowns
 from calib.identify.fit import design_of
 from calib.posterior.cells import BASE, Cells
-from calib.tripod.effects.candidates import place_columns
-from calib.tripod.effects.effect import Effect, Kind
+from calib.tripod.effects.candidates import placed_columns
+from calib.tripod.effects.effect import Effect, Kind, Placed
 from calib.tripod.pipeline import Model
 
 LENGTHS = BASE - 3
-
-Placed = tuple[Effect, str]
-"""A law and its place."""
-
-
-def placed_columns(
-    model: Model,
-    conditions: Conditions,
-    effects: Sequence[Effect],
-    laws: Container[Placed] | None = None,
-) -> dict[Placed, FloatArray]:
-    """Derivatives ``(n, k)`` of readings by the values of each law at each place, or these."""
-    of_each = place_columns(model, conditions, effects, laws)
-    return {
-        (effect, place): columns
-        for effect, places in zip(effects, of_each, strict=True)
-        for place, columns in places.items()
-    }
 
 
 def depends_on_time(effect: Effect) -> bool:
@@ -107,7 +89,8 @@ def rows_of(
         parts.append(cells.whitened(rows))
         timed = [law for law in laws if depends_on_time(law[0])]
         if within and timed and len(cells.visits) > len(means):
-            by_law = placed_columns(model, cells.visits, [law[0] for law in timed])
+            effects = list(dict.fromkeys(effect for effect, _ in timed))
+            by_law = placed_columns(model, cells.visits, effects, timed)
             left_mm = cells.visits.value_mm - model.readings(cells.visits)
             timed_columns = cells.in_time(np.hstack([by_law[law] for law in timed]), left_mm)
             padded = np.zeros((len(timed_columns), rows.shape[1]))

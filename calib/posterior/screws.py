@@ -17,7 +17,7 @@ from calib.arrays import LEG_NAMES, FloatArray, without
 from calib.errors import NotIdentifiable
 from calib.identify.fit import design_of
 from calib.posterior.cells import BASE, Cells
-from calib.posterior.readings import placed_columns
+from calib.tripod.effects.candidates import placed_columns
 from calib.tripod.effects.drives import ISO_LEADS_MM, ActuatorCyclic, ActuatorScale
 from calib.tripod.effects.effect import PER_THOUSAND, Effect
 from calib.tripod.effects.empirical import Repeating

@@ -17,9 +17,9 @@ import numpy as np
 
 from calib.arrays import LEG_NAMES, FloatArray, without
 from calib.posterior.cells import BASE
-from calib.posterior.readings import Placed
 from calib.tripod.effects.candidates import tool_columns
 from calib.tripod.effects.drives import AxisLean, AxisOffset, Backlash
+from calib.tripod.effects.effect import Placed
 from calib.tripod.geometry import Geometry
 from calib.tripod.workspace import tool_jacobian_at, workspace_points
 

@@ -110,23 +110,22 @@ class ToolErrors:
     @cached_property
     def _spread(self) -> FloatArray:
         """Mean and half the variance ``(n_models, 2)`` of the square about each model's mean."""
-        spread = np.empty((len(self.models), 2))
+        size, square, mixed = np.empty((3, len(self.models)))
+        roots = self._metric_root @ self._roots
         for alike in self._alike:
             base = self._metric_root @ self.models[alike[0]].base @ self._metric_root.T
-            size, square = float(np.trace(base)), float((base**2).sum())
-            for k in alike:
-                model = self.models[k]
-                inflation, own_root = model.inflated**2, self._metric_root @ model.root
-                inner = own_root.T @ own_root
-                mixed = float((own_root * (base @ own_root)).sum())
-                spread[k] = (
-                    inflation * size + float(np.trace(inner)) + model.unplaced_mm2,
-                    inflation**2 * square
-                    + 2.0 * inflation * mixed
-                    + float((inner**2).sum())
-                    + model.unplaced_mm2**2 / UNPLACED_FREEDOM,
-                )
-        return spread
+            size[alike], square[alike] = np.trace(base), (base**2).sum()
+            mixed[alike] = (roots[alike] * (base @ roots[alike])).sum(axis=(1, 2))
+        inner = np.swapaxes(roots, 1, 2) @ roots
+        unplaced = np.array([model.unplaced_mm2 for model in self.models])
+        mean = self._inflation * size + np.trace(inner, axis1=1, axis2=2) + unplaced
+        half_variance = (
+            self._inflation**2 * square
+            + 2.0 * self._inflation * mixed
+            + (inner**2).sum(axis=(1, 2))
+            + unplaced**2 / UNPLACED_FREEDOM
+        )
+        return np.column_stack([mean, half_variance])
 
     def expected(self, values: FloatArray) -> FloatArray:
         """Squares ``(n_models,)`` of what is expected under each with these values entered."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from calib.arrays import LEG_NAMES, Conditions, FloatArray, IntArray, incidence, joined
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.drives import effects_of
-from calib.tripod.effects.effect import AROUND, Effect, EffectInstance, EffectParameter, Kind
+from calib.tripod.effects.effect import (
+    AROUND,
+    Effect,
+    EffectInstance,
+    EffectParameter,
+    Kind,
+    Placed,
+)
 from calib.tripod.geometry import Geometry, inverse
 from calib.tripod.pipeline import COMPLEX_STEP_MM, Flow, Model, Stage, posture, simulate
 from calib.tripod.workspace import reached
@@ -65,13 +72,16 @@ def candidates(
 
 
 def candidates_together(
-    sessions: Sequence[tuple[Model, Conditions]], effects: Sequence[Effect] = CATALOGUE
+    sessions: Sequence[tuple[Model, Conditions]],
+    effects: Sequence[Effect] = CATALOGUE,
+    placed: Sequence[Mapping[Placed, FloatArray]] | None = None,
 ) -> tuple[Candidate, ...]:
     """What several sessions could show together; ``columns`` are stacked over them.
 
-    Places are those of all sessions: one that a session did not reach is zero there.
+    Places are those of all sessions: one that a session did not reach is zero there. ``placed`` are
+    `placed_columns` of each session where these are known.
     """
-    return tuple(c for c, is_seen in _all_candidates(sessions, effects) if is_seen)
+    return tuple(c for c, is_seen in _all_candidates(sessions, effects, placed) if is_seen)
 
 
 def single_places(
@@ -82,13 +92,8 @@ def single_places(
     `candidates` arranges several directions of a drive together; here each is alone.
     """
     placed_effects = effects_of(effects, model.geometry)
-    alone = [
-        _one(effect, columns, place)
-        for effect, columns in zip(
-            placed_effects, place_columns(model, observations, placed_effects), strict=True
-        )
-        for place in columns
-    ]
+    placed = placed_columns(model, observations, placed_effects)
+    alone = [_one(effect, {place: columns}, place) for (effect, place), columns in placed.items()]
     identifiable = _are_seen(observations.mount, alone)
     return tuple(
         candidate for candidate, is_seen in zip(alone, identifiable, strict=True) if is_seen
@@ -124,43 +129,43 @@ def _steps(effect: Effect, place: str) -> list[EffectInstance]:
     return [EffectInstance(effect, place, tuple(step)) for step in steps.tolist()]
 
 
-def place_columns(
+def placed_columns(
     model: Model,
     observations: Conditions,
     effects: Sequence[Effect],
-    laws: Container[tuple[Effect, str]] | None = None,
-) -> list[dict[str, FloatArray]]:
-    """For each law its places and the derivatives ``(n_readings, k)`` there, by the complex step.
+    laws: Container[Placed] | None = None,
+) -> dict[Placed, FloatArray]:
+    """Derivatives ``(n_readings, k)`` by each law at each place, by the complex step.
 
-    Of places with these ``laws``, None: of all. One simulation for each stage; what comes before
-    the stage is computed once for all.
+    Of these ``laws``, None: of all. One simulation for each stage; what comes before the stage is
+    computed once for all.
     """
-    by_effect: list[dict[str, list[FloatArray]]] = [{} for _ in effects]
+    placed: dict[Placed, list[FloatArray]] = {
+        (effect, place): []
+        for effect in effects
+        for place in effect.places(observations)
+        if laws is None or (effect, place) in laws
+    }
     for stage in Stage:
         stepped = [
-            (rows.setdefault(place, []), by_place)
-            for effect, rows in zip(effects, by_effect, strict=True)
+            (rows, step)
+            for (effect, place), rows in placed.items()
             if effect.stage == stage
-            for place in effect.places(observations)
-            if laws is None or (effect, place) in laws
-            for by_place in _steps(effect, place)
+            for step in _steps(effect, place)
         ]
         if stepped:
-            together = _Together(tuple(placed_laws for _, placed_laws in stepped), stage)
+            together = _Together(tuple(step for _, step in stepped), stage)
             acting = (*model.effects, together)
             readings = simulate(model.geometry, model.parameters_mm, observations, acting)
             for (rows, _), row in zip(stepped, readings.imag / COMPLEX_STEP_MM, strict=True):
                 rows.append(row)
-    return [
-        {place: np.stack(rows, axis=1) for place, rows in by_place.items()}
-        for by_place in by_effect
-    ]
+    return {law: np.stack(rows, axis=1) for law, rows in placed.items()}
 
 
 def tool_columns(
     geometry: Geometry,
     tool_mm: FloatArray,
-    placed_laws: Sequence[tuple[Effect, str]],
+    placed_laws: Sequence[Placed],
     way: float,
 ) -> FloatArray:
     """Derivatives ``(n, 3, k)`` of the tool at ``(n, 3)`` by the values of laws at places.
@@ -182,22 +187,24 @@ def tool_columns(
 
 
 def _all_candidates(
-    sessions: Sequence[tuple[Model, Conditions]], effects: Sequence[Effect]
+    sessions: Sequence[tuple[Model, Conditions]],
+    effects: Sequence[Effect],
+    placed: Sequence[Mapping[Placed, FloatArray]] | None = None,
 ) -> Iterable[tuple[Candidate, bool]]:
     """Every candidate and whether it is seen."""
     geometry = sessions[0][0].geometry
     placed_effects = effects_of(effects, geometry)
     mount = joined([observations for _, observations in sessions]).mount
-    places = stacked_columns(sessions, placed_effects)
+    placed = placed or [placed_columns(*session, placed_effects) for session in sessions]
+    places = _stacked(placed, placed_effects, [len(conditions) for _, conditions in sessions])
     alone = [
-        [_one(effect, columns, place) for place in columns]
-        for effect, columns in zip(placed_effects, places, strict=True)
+        [_one(effect, by_place, place) for place in by_place] for effect, by_place in places.items()
     ]
     visibility = iter(
         _are_seen(mount, [candidate for alone_of_effect in alone for candidate in alone_of_effect])
     )
     candidates: list[Candidate] = []
-    for effect, alone_of_effect in zip(placed_effects, alone, strict=True):
+    for effect, alone_of_effect in zip(places, alone, strict=True):
         pairs = [(candidate, next(visibility)) for candidate in alone_of_effect]
         candidates += [candidate for candidate, is_seen in pairs if not is_seen]
         by_place = {candidate.where: candidate.columns for candidate, is_seen in pairs if is_seen}
@@ -205,20 +212,21 @@ def _all_candidates(
     return zip(candidates, _are_seen(mount, candidates), strict=True)
 
 
-def stacked_columns(
-    sessions: Sequence[tuple[Model, Conditions]], effects: Sequence[Effect]
-) -> list[dict[str, FloatArray]]:
-    """`place_columns` of several sessions below each other, zero where one has no such place."""
-    parts = [place_columns(model, observations, effects) for model, observations in sessions]
-    stacked = []
-    for effect, *of_sessions in zip(effects, *parts, strict=True):
-        zeros = [np.zeros((len(o), len(effect.parameters))) for _, o in sessions]
-        places = dict.fromkeys(place for by_place in of_sessions for place in by_place)
-        stacked.append(
-            {
-                place: np.vstack([o.get(place, z) for o, z in zip(of_sessions, zeros, strict=True)])
-                for place in places
-            }
+def _stacked(
+    placed: Sequence[Mapping[Placed, FloatArray]],
+    effects: Sequence[Effect],
+    counts: Sequence[int],
+) -> dict[Effect, dict[str, FloatArray]]:
+    """For each law by its places the columns of sessions of so many readings below each other.
+
+    Zero where one has no such place.
+    """
+    stacked: dict[Effect, dict[str, FloatArray]] = {effect: {} for effect in effects}
+    for law in dict.fromkeys(law for of_session in placed for law in of_session):
+        effect, place = law
+        zeros = [np.zeros((count, len(effect.parameters))) for count in counts]
+        stacked[effect][place] = np.vstack(
+            [of_session.get(law, zero) for of_session, zero in zip(placed, zeros, strict=True)]
         )
     return stacked
 

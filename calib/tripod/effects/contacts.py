@@ -18,10 +18,10 @@ from calib.tripod.effects.effect import (
     AT_MM,
     PER_THOUSAND,
     Acting,
-    Effect,
     EffectParameter,
     Kind,
     Law,
+    Placed,
     numbers,
 )
 from calib.tripod.effects.gauges import PlateTilt
@@ -146,13 +146,13 @@ def _turns(geometry: Geometry, conditions: Conditions) -> FloatArray:
     return turns
 
 
-def contact_tolerances(bow_mm: float, unequal_mrad: float) -> dict[tuple[Effect, str], float]:
+def contact_tolerances(bow_mm: float, unequal_mrad: float) -> dict[Placed, float]:
     """Laws of a plate that is met along z and of the platform, with the size that is usual of each.
 
     A bow of any direction is as likely: its twist is the smaller by a root of two. 0: none.
     """
     first, second, twist = SHAPES
-    tolerances: dict[tuple[Effect, str], float] = {
+    tolerances: dict[Placed, float] = {
         (first, "tz"): bow_mm,
         (second, "tz"): bow_mm,
         (twist, "tz"): bow_mm / math.sqrt(2.0),

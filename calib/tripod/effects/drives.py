@@ -24,6 +24,7 @@ from calib.tripod.effects.effect import (
     Law,
     OfCarriage,
     OfFoot,
+    Placed,
     from_meeting_mm,
     machine_kelvins,
     moved_foot,
@@ -259,7 +260,7 @@ class AxisLean(OfFoot):
 
 def geometry_tolerances(
     geometry: Geometry, across_mm: float, lean_mrad: float, scale_mm_m: float
-) -> dict[tuple[Effect, str], float]:
+) -> dict[Placed, float]:
     """Parameters of the drives' lines, laws at places, with the standard deviation of each.
 
     Of each drive where its line lies across itself, how it leans, and what its travel is off by; 0:

@@ -349,5 +349,8 @@ def moved_foot(leg: int, towards: FloatArray, sideways_mm: NDArray[Any]) -> NDAr
 AdoptedSize = tuple[int, str]
 """The number of an adopted effect, and the keys of its values: equal ones are one size."""
 
-AdoptedLaws = Mapping[tuple[Effect, str], AdoptedSize]
+Placed = tuple[Effect, str]
+"""A law and its place."""
+
+AdoptedLaws = Mapping[Placed, AdoptedSize]
 """Laws of adopted effects at their places."""

@@ -323,8 +323,17 @@ class ModelSelection:
 
     def _columns_of(self, first: IntArray, second: IntArray) -> tuple[IntArray, tuple[int, int]]:
         """Columns ``(n, d)`` of each pair, and how many belong to its first and second."""
-        sides = [np.array([self.columns[k] for k in side]) for side in (first, second)]
-        return np.hstack(sides), (sides[0].shape[1], sides[1].shape[1])
+        widths = len(self.columns[int(first[0])]), len(self.columns[int(second[0])])
+        table = self._columns_by_component
+        return np.hstack([table[first, : widths[0]], table[second, : widths[1]]]), widths
+
+    @cached_property
+    def _columns_by_component(self) -> IntArray:
+        """Columns of each component ``(k, widest)``, filled up with zeros."""
+        table = np.zeros((len(self.columns), max(map(len, self.columns))), dtype=np.intp)
+        for row, columns in zip(table, self.columns, strict=True):
+            row[: len(columns)] = columns
+        return table
 
     def _scaled(
         self, index: IntArray, widths: tuple[int, int], scale: IntArray

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import errno
 import gc
 import os
 import sys
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import typer
@@ -133,9 +135,19 @@ def main() -> None:
     sys.exit(status)
 
 
+def _with_verb(verb: Sequence[str]) -> typer.Typer:
+    """The program with that verb alone, if it is one: options of all 26 took 0.04 s."""
+    commands = [command for command in cli.registered_commands if command.name in verb]
+    if not commands:
+        return cli
+    alone = copy.copy(cli)
+    alone.registered_commands = commands
+    return alone
+
+
 def _run() -> int:
     try:
-        cli()
+        _with_verb(sys.argv[1:2])()
     except GlidecalError as problem:
         _tell(f"glidecal: {problem}")
         return exit_code(problem)

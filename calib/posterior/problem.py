@@ -95,11 +95,16 @@ class PosteriorProblem:
         )
 
     @cached_property
-    def base(self) -> FloatArray:
-        """Derivatives ``(n, b)`` by the base, per standard deviation of what is expected."""
+    def by_base(self) -> FloatArray:
+        """Derivatives ``(n, b)`` by the values of the base."""
         no_law = np.zeros((len(self.columns), 0))  # one posture shows no law
         laws = [self.columns[:, self.index[k]] / self.components[k].unit for k in self.everywhere]
-        return np.hstack([self.rows.base, no_law, *laws]) @ self.base_root
+        return np.hstack([self.rows.base, no_law, *laws])
+
+    @cached_property
+    def base(self) -> FloatArray:
+        """Derivatives ``(n, b)`` by the base, per standard deviation of what is expected."""
+        return np.asarray(self.by_base @ self.base_root)
 
     def spread_of(self, k: int) -> FloatArray:
         """Standard deviations ``(r,)`` of the values of a component everywhere.
@@ -459,8 +464,7 @@ class PosteriorProblem:
     def _linear_part(self, entry: ModelEntry, mean: FloatArray) -> FloatArray:
         """What of these ``(exact,)`` is in no `_models`: a little of all, something else."""
         first = len(self.rows.spread)
-        everywhere = mean[first : self.base.shape[1]]
-        part = self.base[:, first:] @ np.linalg.solve(self.base_root[first:, first:], everywhere)
+        part = self.by_base[:, first:] @ mean[first : self.by_base.shape[1]]
         for k, values in zip(entry.members, self._values(entry, mean), strict=True):
             if not self.components[k].candidate:
                 part = part + self.columns[:, self.index[k]] @ (values / self.components[k].unit)
@@ -481,12 +485,13 @@ class PosteriorProblem:
 
     def _linear_residual(self, entry: ModelEntry, fit: ModelFit) -> FloatArray:
         """The residual by derivatives alone ``(exact,)``."""
-        count, value = self.rows.exact, np.zeros(len(self.base_root))
-        value[: len(self.rows.value)] = self.rows.value
-        base = np.linalg.solve(self.base_root, fit.mean[: len(value)] - value)
-        sizes = fit.mean[len(value) :] / self._unit(entry)[0]
+        count, base = self.rows.exact, fit.mean[: self.by_base.shape[1]].copy()
+        base[: len(self.rows.value)] -= self.rows.value
+        sizes = fit.mean[len(base) :] / self._unit(entry)[0]
         columns = self.columns[:count, self._index(entry)]
-        return np.asarray(self.rows.residual[:count] - self.base[:count] @ base - columns @ sizes)
+        return np.asarray(
+            self.rows.residual[:count] - self.by_base[:count] @ base - columns @ sizes
+        )
 
     def _about(self, models: Sequence[Model], entry: ModelEntry, fit: ModelFit) -> ModelFit:
         """One step of Gauss and Newton; readings within cells stay as they were.

@@ -95,7 +95,7 @@ class SearchedScrew:
         squares = self._explained(1.0 / turns)
         inner = np.concatenate([[-np.inf], squares, [-np.inf]])
         peaks = turns[(squares >= inner[:-2]) & (squares >= inner[2:])]
-        leads = np.array([self._refined_mm(peak) for peak in peaks.tolist()])
+        leads = self._refined_mm(peaks)
         explained = self._explained(leads)
         if explained.max() < DECISIVE:
             return
@@ -107,11 +107,12 @@ class SearchedScrew:
             if (np.abs(1.0 / standard - 1.0 / lead) > APART * self._step).all():
                 yield float(f"{lead:.3g}")
 
-    def _refined_mm(self, turns: float) -> float:
-        """The best lead about a peak of the grid."""
-        around = turns + self._step * np.linspace(-1.0, 1.0, 2 * FINE + 1)
+    def _refined_mm(self, turns: FloatArray) -> FloatArray:
+        """The best lead about each peak of the grid ``(k,)``."""
+        around = turns[:, None] + self._step * np.linspace(-1.0, 1.0, 2 * FINE + 1)
         fine = 1.0 / np.clip(around, *self._grid[[0, -1]])
-        return float(fine[np.argmax(self._explained(fine))])
+        best = self._explained(fine.ravel()).reshape(fine.shape).argmax(axis=1)
+        return np.asarray(fine[np.arange(len(fine)), best])
 
     def _explained(self, leads_mm: FloatArray) -> FloatArray:
         """Squares ``(k,)`` that sine and cosine of each lead explain, in noise variances."""

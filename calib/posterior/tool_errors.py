@@ -108,12 +108,27 @@ class ToolErrors:
         return list(alike.values())
 
     @cached_property
+    def _tool_means(self) -> FloatArray:
+        """Means of every model along the directions that move the tool ``(n_models, q)``."""
+        return np.asarray(self._mean @ self._metric_root.T)
+
+    @cached_property
+    def _tool_roots(self) -> FloatArray:
+        """Covariance roots of every model along these directions ``(n_models, q, k)``."""
+        return np.asarray(self._metric_root @ self._roots)
+
+    @cached_property
+    def _tool_bases(self) -> list[tuple[list[int], FloatArray]]:
+        """Models of each base, and its covariance along these directions ``(q, q)``."""
+        root = self._metric_root
+        return [(alike, root @ self.models[alike[0]].base @ root.T) for alike in self._alike]
+
+    @cached_property
     def _spread(self) -> FloatArray:
         """Mean and half the variance ``(n_models, 2)`` of the square about each model's mean."""
         size, square, mixed = np.empty((3, len(self.models)))
-        roots = self._metric_root @ self._roots
-        for alike in self._alike:
-            base = self._metric_root @ self.models[alike[0]].base @ self._metric_root.T
+        roots = self._tool_roots
+        for alike, base in self._tool_bases:
             size[alike], square[alike] = np.trace(base), (base**2).sum()
             mixed[alike] = (roots[alike] * (base @ roots[alike])).sum(axis=(1, 2))
         inner = np.swapaxes(roots, 1, 2) @ roots
@@ -127,23 +142,25 @@ class ToolErrors:
         )
         return np.column_stack([mean, half_variance])
 
+    def _off(self, values: FloatArray) -> FloatArray:
+        """How far each mean is from these values, along these directions ``(n_models, q)``."""
+        return np.asarray(self._tool_means - self._metric_root @ values)
+
     def expected(self, values: FloatArray) -> FloatArray:
         """Squares ``(n_models,)`` of what is expected under each with these values entered."""
-        off = self._mean - values
-        return np.asarray((off @ self.metric * off).sum(axis=1))
+        return np.asarray((self._off(values) ** 2).sum(axis=1))
 
     def distances(self, values: FloatArray) -> FloatArray:
         """Each model ``(n_models, 3)`` with these values entered: its weight, then mean and
         variance of the mean square of the tool's error, mm² and mm⁴.
         """
-        slope = (self._mean - values) @ self.metric
+        off = self._off(values)
         along = np.empty(len(self.models))
-        for alike in self._alike:
-            slopes = slope[alike]
-            along[alike] = (slopes @ self.models[alike[0]].base * slopes).sum(axis=1)
-        of_root = (slope[:, None, :] @ self._roots)[:, 0]
+        for alike, base in self._tool_bases:
+            along[alike] = (off[alike] @ base * off[alike]).sum(axis=1)
+        of_root = (off[:, None, :] @ self._tool_roots)[:, 0]
         along = self._inflation * along + (of_root**2).sum(axis=1)
-        size = self._spread[:, 0] + self.expected(values)
+        size = self._spread[:, 0] + (off**2).sum(axis=1)
         variance = 2.0 * self._spread[:, 1] + 4.0 * along
         return np.column_stack([self._weight, size, variance])
 

@@ -30,7 +30,6 @@ from drivers.motion import controller_of
 from drivers.motion.controller import ControllerFault, Limits, MotionFault, Triple
 from drivers.motion.line import MotionLine
 from drivers.motion.states import State
-from drivers.motion.twins import MotionTrouble, SimulatedAxes
 from protocols.machine import Machine, MotionLimits
 from protocols.procedure import load_procedure
 from tests.app.measuring.moving_machine import (
@@ -45,6 +44,7 @@ from tests.controller import running
 from tests.controller.machine import L
 from tests.controller.machine import Machine as Machines
 from tests.drivers.motion.bench import BUSY, Face, Ticker, comes_true
+from tests.drivers.motion.twins import FailingAxes, MotionTrouble
 
 PORT, TOLD_PORT = 5007, 5999
 NOMINAL = Machines()
@@ -223,7 +223,7 @@ class Cable(socketserver.ThreadingTCPServer):
         self._thread.join()
 
 
-class FollowedAxes(SimulatedAxes):
+class FollowedAxes(FailingAxes):
     """Where the real controller's joints are, as `teller.py` tells all the time."""
 
     def __init__(self) -> None:
@@ -299,7 +299,7 @@ class Running:
         self.followed.switch_on()
         self._cable = Cable()
         self.endpoint = f"linuxcnc:127.0.0.1:{self._cable.server_address[1]}"
-        self.axes: SimulatedAxes = self.followed
+        self.axes: FailingAxes = self.followed
         self.moves: list[str] = []
         self.late_s = 0.0
         self._others: list[Client] = []

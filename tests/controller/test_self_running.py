@@ -12,13 +12,13 @@ import pytest
 
 from calib.tripod.simulation import hidden_machine
 from drivers.motion.supervision import STALL_S
-from drivers.motion.twins import MotionTrouble
 from protocols.machine import load_machine
 from protocols.record import read_record
 from tests.app.measuring.moving_machine import taken
 from tests.conftest import LONG, ROOT
 from tests.controller.running import need_linuxcnc
 from tests.controller.self_running import MEDDLERS, MODES_LEFT, commanded
+from tests.drivers.motion.twins import MotionTrouble
 
 pytestmark = LONG
 

@@ -24,10 +24,10 @@ from tempfile import mkdtemp
 from types import MappingProxyType
 
 from drivers.motion.controller import Triple
-from drivers.motion.twins import MotionTrouble, SimulatedAxes
 from protocols.machine import Machine as MachineFile
 from protocols.machine import MotionLimits
 from tests.controller.machine import L
+from tests.drivers.motion.twins import FailingAxes, MotionTrouble
 from tests.firmware.sources import compiled
 
 PULSES_A_MM = 160
@@ -81,7 +81,7 @@ STARTED, LOCKED = "Grbl", "ALARM:11"
 JOG = re.compile(rb"\$J=[^\n]*")
 
 
-class CountedAxes(SimulatedAxes):
+class CountedAxes(FailingAxes):
     """Where the carriages are, by the pulses that were counted since the machine was homed."""
 
     def __init__(self, memory: mmap.mmap) -> None:
@@ -152,7 +152,7 @@ class Board:
         self.moves: list[str] = []
         self.late_s = 0.0
         self.carriages = CountedAxes(self._simulator.memory)
-        self.axes: SimulatedAxes = self.carriages
+        self.axes: FailingAxes = self.carriages
         if homed or unlocked:
             try:
                 self._home() if homed else self._simulator.done("$X")

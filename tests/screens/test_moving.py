@@ -25,7 +25,6 @@ from app.screens.session_view import LegReviewScreen, MotionDialog
 from drivers.motion.guard import DETACHED
 from drivers.motion.line import DEAD_S, Patience
 from drivers.motion.states import State
-from drivers.motion.twins import TWINS, MotionTrouble, MotionTwin
 from protocols.machine import Instrument, Machine, MotionLimits
 from protocols.procedure import load_procedure
 from tests.app.measuring.moving_machine import (
@@ -38,6 +37,7 @@ from tests.app.measuring.moving_machine import (
     wrong,
 )
 from tests.conftest import LONG, first_quick
+from tests.drivers.motion.twins import TWINS, MotionTrouble, MotionTwin
 from tests.screens.driving import SIZE, fill_in, rows, text, to_measuring, until
 
 SLOW = Machine(motion=MotionLimits(feed_mm_min=3000.0))

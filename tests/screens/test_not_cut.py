@@ -68,7 +68,6 @@ from app.screens.session_view import (
     SetUpScreen,
 )
 from app.screens.what_if import SizesScreen, WhatIfScreen
-from drivers.motion.twins import MotionTrouble
 from protocols.hexaslide_measured import measured_in
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
@@ -76,6 +75,7 @@ from protocols.record import read_record
 from protocols.session import Session, fold
 from tests.app.posture_sessions import posture_session
 from tests.conftest import LONG, SAMPLES, first_quick
+from tests.drivers.motion.twins import MotionTrouble
 from tests.screens.driving import (
     QUESTIONED,
     placed,

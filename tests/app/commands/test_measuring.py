@@ -24,7 +24,6 @@ from calib.errors import MotionError, UsageError
 from calib.tripod.pipeline import Model
 from drivers.motion.guard import DETACHED
 from drivers.motion.line import MotionLine
-from drivers.motion.twins import TWINS, GrblTwin, MotionTrouble, MotionTwin
 from protocols.journal import write_whole
 from protocols.machine import Instrument, MotionLimits
 from protocols.machine import Machine as MachineFile
@@ -41,6 +40,7 @@ from tests.app.measuring.moving_machine import (
 )
 from tests.conftest import LONG
 from tests.drivers.motion.bench import BUSY, PATIENCE_S, comes_true
+from tests.drivers.motion.twins import TWINS, GrblTwin, MotionTrouble, MotionTwin
 
 TWO = ("--indicator", "mitutoyo-01a:/dev/none0@xy", "--indicator", "mitutoyo-01a:/dev/none1@yzx")
 

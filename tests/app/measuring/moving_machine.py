@@ -29,7 +29,6 @@ from drivers.motion import controller_of
 from drivers.motion.controller import Triple
 from drivers.motion.line import MotionLine
 from drivers.motion.states import State
-from drivers.motion.twins import LinuxCncTwin, MotionTrouble, MotionTwin, SimulatedAxes
 from drivers.profile import Profile, Query, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twins import IndicatorTwin, TwinPort
@@ -41,6 +40,7 @@ from protocols.record import read_record
 from protocols.session import Opened, Reading, fold
 from tests.controller.machine import L, Machine
 from tests.drivers.motion.bench import BUSY
+from tests.drivers.motion.twins import FailingAxes, FailingLinuxCnc, MotionTrouble, MotionTwin
 from tests.end_to_end.test_hang_up import Terminal
 
 FAST = MachineFile(motion=MotionLimits(feed_mm_min=30_000.0), fastest_feed_mm_min=60_000.0)
@@ -68,9 +68,9 @@ def carriages(tool: Triple) -> list[float]:
 NOMINAL = Machine()
 
 
-def linuxcnc(axes: SimulatedAxes) -> MotionTwin:
+def linuxcnc(axes: FailingAxes) -> MotionTwin:
     """A LinuxCNC that takes tool coordinates."""
-    return LinuxCncTwin(axes, "tool")
+    return FailingLinuxCnc(axes, "tool")
 
 
 class Bench:
@@ -81,7 +81,7 @@ class Bench:
     """
 
     def __init__(
-        self, axes: SimulatedAxes, machine: Machine = HIDDEN, coordinates: str = "tool"
+        self, axes: FailingAxes, machine: Machine = HIDDEN, coordinates: str = "tool"
     ) -> None:
         self.axes, self.machine, self._coordinates = axes, machine, coordinates
         self.leg, self.along, self.station = 0, (1, 2), 0.5
@@ -136,13 +136,13 @@ class Unpluggable:
 
 @contextmanager
 def following(
-    make: Callable[[SimulatedAxes], MotionTwin] = linuxcnc,
+    make: Callable[[FailingAxes], MotionTwin] = linuxcnc,
     coordinates: str = "tool",
 ) -> Iterator[tuple[Bench, MotionTwin, tuple[str, ...]]]:
     """A machine behind a controller, and the ports of two indicators that follow it."""
     with ExitStack() as stack:
         x, y, z = (3.0, -2.0, 1.0) if coordinates == "tool" else carriages((3.0, -2.0, 1.0))
-        twin = make(SimulatedAxes((x, y, z)))
+        twin = make(FailingAxes((x, y, z)))
         stack.callback(twin.close)
         bench = Bench(twin.axes, coordinates=coordinates)
         ports = [
@@ -156,7 +156,7 @@ def moving_session(
     path: Path,
     machine: MachineFile = FAST,
     procedure: Procedure = SHORT,
-    make: Callable[[SimulatedAxes], MotionTwin] = linuxcnc,
+    make: Callable[[FailingAxes], MotionTwin] = linuxcnc,
     window_s: float = 0.06,
     profile: Profile = MITUTOYO_01A,
 ) -> Iterator[tuple[GuidedSession, Bench, MotionTwin]]:
@@ -253,7 +253,7 @@ def with_faults(
     seed: int,
     draws: int,
     machine: MachineFile = SLOWER,
-    make: Callable[[SimulatedAxes], MotionTwin] = linuxcnc,
+    make: Callable[[FailingAxes], MotionTwin] = linuxcnc,
     troubles: Sequence[str] = TROUBLES,
     latest_s: float = 2.0,
 ) -> tuple[list[str], list[tuple[float, str]], int]:
@@ -344,7 +344,7 @@ def killed_and_continued(
     seed: int,
     kills: int,
     feed: float,
-    make: Callable[[SimulatedAxes], MotionTwin] = linuxcnc,
+    make: Callable[[FailingAxes], MotionTwin] = linuxcnc,
 ) -> dict[str, object]:
     """`glidecal run --motion` in a terminal, killed at random moments, each time continued."""
     chance, path, window_s = random.Random(seed), folder / "a.jsonl", 0.1

@@ -23,10 +23,10 @@ from app.measuring.moving import Mover, limits_of
 from drivers.motion import controller_of
 from drivers.motion.line import Patience
 from drivers.motion.states import State
-from drivers.motion.twins import LinuxCncTwin, MotionTrouble, SimulatedAxes
 from protocols.procedure import Step, load_procedure
 from tests.app.measuring.moving_machine import FAST
 from tests.drivers.motion.bench import PATIENCE_S, Ticker, comes_true, started
+from tests.drivers.motion.twins import FailingAxes, FailingLinuxCnc, MotionTrouble
 
 SEQUENCES = int(os.environ.get("GLIDECAL_FUZZ", "40"))
 FIRST = int(os.environ.get("GLIDECAL_SEED", "0"))
@@ -61,10 +61,10 @@ class TimedMoves(list[str]):
         super().append(line)
 
 
-class TimedTwin(LinuxCncTwin):
+class TimedTwin(FailingLinuxCnc):
     """Knows when the looks before its moves began."""
 
-    def __init__(self, axes: SimulatedAxes) -> None:
+    def __init__(self, axes: FailingAxes) -> None:
         super().__init__(axes, "tool")
         self.moves = TimedMoves()
         self.looks_s: list[float] = []
@@ -181,7 +181,7 @@ class Operator:
 def operator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Operator]:
     monkeypatch.setattr(motion_keys, "HELD_KEY_S", DEAD_S)
     procedure = load_procedure("zero-max-min", FAST.geometry())
-    with closing(TimedTwin(SimulatedAxes())) as twin, closing(Ticker()) as ticker:
+    with closing(TimedTwin(FailingAxes())) as twin, closing(Ticker()) as ticker:
         controller = controller_of(twin.endpoint, limits_of(FAST))
         steps = procedure.steps(FAST.geometry(), ("xyz", "xyz"))
         with started(controller, Patience(silence_s=3.0, dead_s=DEAD_S)) as (line, _):

@@ -23,7 +23,7 @@ from calib.tripod.simulation import hidden_machine
 from drivers.exchange import Exchange
 from drivers.motion.controller import Triple
 from drivers.motion.states import State
-from drivers.motion.twins import TWINS, LinuxCncTwin, MotionTrouble
+from drivers.motion.twins import LinuxCncTwin
 from drivers.profile import IndicatorReading, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.machine import Machine, MotionLimits
@@ -44,6 +44,7 @@ from tests.app.measuring.moving_machine import (
 )
 from tests.conftest import LONG, first_quick
 from tests.drivers.motion.bench import comes_true
+from tests.drivers.motion.twins import TWINS, MotionTrouble
 
 BOTH = ("xyz", "xyz")
 

@@ -21,7 +21,6 @@ from app.measuring.session import GuidedSession
 from app.measuring.unattended import measure_all
 from calib.errors import MotionError
 from drivers.motion.states import State
-from drivers.motion.twins import TWINS, MotionTrouble, MotionTwin
 from protocols.carriages import changes, moved_alone
 from protocols.machine import Instrument, load_machine
 from protocols.procedure import load_procedure
@@ -40,6 +39,7 @@ from tests.app.measuring.moving_machine import (
 )
 from tests.conftest import first_quick, needs_links
 from tests.drivers.motion.bench import BUSY
+from tests.drivers.motion.twins import TWINS, MotionTrouble, MotionTwin
 
 JOINT = FAST.model_copy(update={"mdi": "joint"})
 START = carriages((3.0, -2.0, 1.0))

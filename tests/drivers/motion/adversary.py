@@ -20,20 +20,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from drivers.motion.controller import Triple
-from drivers.motion.twins import (
-    Client,
-    GrblTwin,
-    LinuxCncTwin,
-    MotionTwin,
-    SimulatedAxes,
-)
+from drivers.motion.twins import Client
 from drivers.twins import Disconnected, Transport
+from tests.drivers.motion.twins import (
+    FailingAxes,
+    FailingLinuxCnc,
+    GrblTwin,
+    MotionTwin,
+)
 
 FULL = 1 << 15
 """Bytes that wait for a slow reader; a device that babbles writes no more than a port takes."""
 
 
-class TrueAxes(SimulatedAxes):
+class TrueAxes(FailingAxes):
     """Axes that remember every way they went, and when."""
 
     def __init__(self, at_mm: Triple) -> None:
@@ -146,14 +146,14 @@ class Front:
         ills: list[Ill],
         axes: TrueAxes,
         transport: Transport = "tcp",
-        make: Callable[[SimulatedAxes], MotionTwin] | None = None,
+        make: Callable[[FailingAxes], MotionTwin] | None = None,
     ) -> None:
         self.name, self.ills, self.axes = name, ills, axes
         self.twin: MotionTwin
         if make is not None:
             self.twin = make(axes)
         else:
-            self.twin = LinuxCncTwin(axes) if name == "linuxcnc" else GrblTwin(axes, "tcp")
+            self.twin = FailingLinuxCnc(axes) if name == "linuxcnc" else GrblTwin(axes, "tcp")
         self.heard: list[tuple[float, bytes]] = []
         """All that was sent, whether the machine heard it or not."""
         self.changes: list[tuple[float, str]] = []
@@ -200,7 +200,7 @@ class Front:
 
     def _supervised(self) -> object:
         twin = self.twin
-        if isinstance(twin, LinuxCncTwin):
+        if isinstance(twin, FailingLinuxCnc):
             states = {k: v for k, v in twin.state.items() if k != "program_codes"}
             return states, twin.offset_mm, twin.control is None
         assert isinstance(twin, GrblTwin)
@@ -287,7 +287,7 @@ class Front:
             if answer := twin.receive(content):
                 self.answer(link, answer)
             return
-        assert isinstance(twin, LinuxCncTwin)
+        assert isinstance(twin, FailingLinuxCnc)
         if link.client.echo and link.client.linked:
             self.answer(link, content)
         *lines, link.received = (link.received + content).replace(b"\r", b"\n").split(b"\n")

@@ -11,7 +11,7 @@ from drivers.motion import controller_of
 from drivers.motion.controller import Controller, Limits, Triple
 from drivers.motion.line import MotionLine, Patience
 from drivers.motion.states import State
-from drivers.motion.twins import TWINS, MotionTrouble, MotionTwin, SimulatedAxes
+from tests.drivers.motion.twins import TWINS, FailingAxes, MotionTrouble, MotionTwin
 
 LIMITS = Limits((-100.0,) * 3, (60.0,) * 3, longest_mm=120.0, fastest_mm_min=60_000.0)
 START = (1.0, 2.0, -3.0)
@@ -69,7 +69,7 @@ class Ticker:
 @contextmanager
 def beside(name: str, *troubles: MotionTrouble) -> Iterator[tuple[Controller, MotionTwin]]:
     """A controller that is connected, without a line."""
-    twin = TWINS[name](SimulatedAxes(START))
+    twin = TWINS[name](FailingAxes(START))
     for trouble in troubles:
         twin.befall(trouble)
     controller = controller_of(twin.endpoint, LIMITS)
@@ -89,7 +89,7 @@ class Rig:
         self.line, self.twin, self.face = line, twin, face
 
     @property
-    def axes(self) -> SimulatedAxes:
+    def axes(self) -> FailingAxes:
         return self.twin.axes
 
     def go(self, *places_mm: Triple, feed: float = FEED) -> Triple:
@@ -134,10 +134,10 @@ def rig(
     name: str,
     patience: Patience = BUSY,
     answer_s: float = 2.0,
-    make: Callable[[SimulatedAxes], MotionTwin] | None = None,
+    make: Callable[[FailingAxes], MotionTwin] | None = None,
 ) -> Iterator[Rig]:
     """A started line; whatever the test did, it ends."""
-    with closing((make or TWINS[name])(SimulatedAxes(START))) as twin:
+    with closing((make or TWINS[name])(FailingAxes(START))) as twin:
         controller = controller_of(twin.endpoint, LIMITS)
         with started(controller, patience, answer_s) as (line, face):
             yield Rig(line, twin, face)
@@ -153,7 +153,7 @@ def comes_true(condition: Callable[[], bool], within_s: float = PATIENCE_S) -> b
     return False
 
 
-def rests(axes: SimulatedAxes) -> bool:
+def rests(axes: FailingAxes) -> bool:
     """Whether it stands still, on its way or at its end."""
     before_mm = axes.at_mm
     time.sleep(0.1)

@@ -7,12 +7,12 @@ import random
 import re
 import time
 
-from drivers.motion.twins import (
+from tests.drivers.motion.adversary import FULL, Front, Ill, Link
+from tests.drivers.motion.twins import (
+    FailingLinuxCnc,
     GrblTwin,
-    LinuxCncTwin,
     MotionTrouble,
 )
-from tests.drivers.motion.adversary import FULL, Front, Ill, Link
 
 EITHER_S = 3.0
 """A late answer is late by so much at most."""
@@ -304,7 +304,7 @@ class Inches(Ill):
         self._done = False
 
     def acts(self, front: Front) -> None:
-        if not self._done and isinstance(front.twin, LinuxCncTwin):
+        if not self._done and isinstance(front.twin, FailingLinuxCnc):
             self._done = True
             front.twin.modal({"G20"})
 

@@ -19,11 +19,11 @@ from drivers.motion.controller import ControllerFault, Triple
 from drivers.motion.guard import DETACHED, Guard
 from drivers.motion.line import MotionLine
 from drivers.motion.states import MAY_MOVE, State
-from drivers.motion.twins import MotionTrouble
 from drivers.twins import Transport
 from tests.drivers.motion.adversary import Front, TrueAxes
 from tests.drivers.motion.bench import BUSY, FEED, LIMITS, START, Ticker, comes_true
 from tests.drivers.motion.ills import SPAN_S, ills_of
+from tests.drivers.motion.twins import MotionTrouble
 
 MOST_WRONG = 5
 ANSWER_S = 0.2

@@ -29,7 +29,6 @@ from drivers.motion.guard import DETACHED, Guard
 from drivers.motion.line import MotionLine, Patience
 from drivers.motion.linuxcnc import LinuxCnc
 from drivers.motion.states import State
-from drivers.motion.twins import GrblTwin, MotionTrouble, SimulatedAxes
 from drivers.port import SerialPort
 from drivers.twins import Transport
 from tests.conftest import LONG, first_quick
@@ -42,6 +41,7 @@ from tests.drivers.motion.scenario import (
     Present,
     scenario,
 )
+from tests.drivers.motion.twins import FailingAxes, GrblTwin, MotionTrouble
 
 SEEDS = int(os.environ.get("GLIDECAL_FUZZ", "40"))
 FIRST = int(os.environ.get("GLIDECAL_FUZZ_FIRST", "0"))
@@ -370,7 +370,7 @@ def test_a_connection_has_one_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
         assert time.monotonic() - began_s < CONNECT_S
 
 
-def firmware(axes: SimulatedAxes) -> GrblTwin:
+def firmware(axes: FailingAxes) -> GrblTwin:
     """A board that is none of grbl 1.1."""
 
     class Other(GrblTwin):

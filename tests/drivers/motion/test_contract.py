@@ -23,14 +23,6 @@ from drivers.motion import controller_of
 from drivers.motion.controller import ControllerFault, MotionFault, Triple
 from drivers.motion.guard import DETACHED
 from drivers.motion.states import State
-from drivers.motion.twins import (
-    TWINS,
-    GrblTwin,
-    LinuxCncTwin,
-    MotionTrouble,
-    MotionTwin,
-    SimulatedAxes,
-)
 from tests.drivers.motion.bench import (
     FEED,
     LIMITS,
@@ -41,6 +33,14 @@ from tests.drivers.motion.bench import (
     comes_true,
     rests,
     rig,
+)
+from tests.drivers.motion.twins import (
+    TWINS,
+    FailingAxes,
+    FailingLinuxCnc,
+    GrblTwin,
+    MotionTrouble,
+    MotionTwin,
 )
 
 controllers = pytest.mark.parametrize("name", TWINS)
@@ -68,7 +68,7 @@ def test_waits_for_the_end(name: str) -> None:
 
 @controllers
 def test_an_inch_machine_moves_as_far_as_any(name: str) -> None:
-    def inch(axes: SimulatedAxes) -> MotionTwin:
+    def inch(axes: FailingAxes) -> MotionTwin:
         twin = TWINS[name](axes)
         twin.befall(MotionTrouble.INCH)
         return twin
@@ -123,8 +123,8 @@ STRANGERS = {
 def test_another_machine_behind_linuxcnc_is_refused(stranger: str, inch: bool) -> None:
     numbers, words = STRANGERS[stranger]
 
-    def other(axes: SimulatedAxes) -> MotionTwin:
-        twin = LinuxCncTwin(axes)
+    def other(axes: FailingAxes) -> MotionTwin:
+        twin = FailingLinuxCnc(axes)
         twin.ini |= numbers
         if inch:
             twin.befall(MotionTrouble.INCH)
@@ -141,8 +141,8 @@ def test_another_machine_behind_linuxcnc_is_refused(stranger: str, inch: bool) -
 
 
 def test_limits_that_no_one_states_or_that_another_screen_heard_bind_nothing() -> None:
-    def silent(axes: SimulatedAxes) -> MotionTwin:
-        twin = LinuxCncTwin(axes)
+    def silent(axes: FailingAxes) -> MotionTwin:
+        twin = FailingLinuxCnc(axes)
         twin.ini = {}
         return twin
 
@@ -151,7 +151,7 @@ def test_limits_that_no_one_states_or_that_another_screen_heard_bind_nothing() -
             assert r.go((10.0, 0.0, 0.0)) == (10.0, 0.0, 0.0)
 
 
-class Overheard(LinuxCncTwin):
+class Overheard(FailingLinuxCnc):
     """A screen beside the server reads each message first."""
 
     def _mdi(self, line: str) -> None:
@@ -490,7 +490,7 @@ def test_bytes_of_the_text_server() -> None:
             b"ABS_ACT_POS 1.000000 2.000000 -3.000000 0.000000 0.000000 0.000000\r\n",
         ),
     ]
-    with closing(LinuxCncTwin(SimulatedAxes(START))) as twin:
+    with closing(FailingLinuxCnc(FailingAxes(START))) as twin:
         host, _, port = twin.address.partition(":")
         with socket.create_connection((host, int(port)), timeout=2.0) as client:
             for request, answer in recorded:

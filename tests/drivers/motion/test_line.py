@@ -20,7 +20,6 @@ from drivers.motion.controller import ControllerFault
 from drivers.motion.guard import DETACHED
 from drivers.motion.line import STRICT, MotionLine, Patience
 from drivers.motion.states import TRANSITIONS, Cause, State
-from drivers.motion.twins import GrblTwin, LinuxCncTwin, MotionTrouble, SimulatedAxes
 from tests.conftest import LONG, first_quick
 from tests.drivers.motion.bench import (
     BUSY,
@@ -34,6 +33,7 @@ from tests.drivers.motion.bench import (
     comes_true,
     rig,
 )
+from tests.drivers.motion.twins import FailingAxes, FailingLinuxCnc, GrblTwin, MotionTrouble
 
 WITHIN_S = 0.5
 SEEN_S = 2.0
@@ -168,7 +168,7 @@ def test_closed_from_every_state(before: Act) -> None:
 
 
 def test_start_where_only_homing_helps_begins_in_a_fault() -> None:
-    with closing(GrblTwin(SimulatedAxes(), "tcp")) as twin:
+    with closing(GrblTwin(FailingAxes(), "tcp")) as twin:
         twin.befall(MotionTrouble.NOT_HOMED)
         line = MotionLine(controller_of(twin.endpoint, LIMITS), BUSY)
         line.start()
@@ -193,7 +193,7 @@ def test_a_board_that_cannot_tell_whether_it_is_homed_waits_for_the_operators_wo
 
 
 def test_a_connected_machine_is_ready_and_nothing_moves() -> None:
-    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
+    with closing(FailingLinuxCnc(FailingAxes())) as twin:
         line = MotionLine(controller_of(twin.endpoint, LIMITS), BUSY)
         states = [line.state]
         line.start()
@@ -204,7 +204,7 @@ def test_a_connected_machine_is_ready_and_nothing_moves() -> None:
 
 
 def test_nothing_moves_where_the_machine_is_not_ready() -> None:
-    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
+    with closing(FailingLinuxCnc(FailingAxes())) as twin:
         twin.befall(MotionTrouble.NOT_HOMED)
         line = MotionLine(controller_of(twin.endpoint, LIMITS))
         with pytest.raises(ControllerFault, match="home it"):
@@ -216,7 +216,7 @@ def test_nothing_moves_where_the_machine_is_not_ready() -> None:
 
 def test_without_a_guard_that_starts_there_is_no_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivers.motion.guard.PROGRAM", "raise SystemExit(1)")
-    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
+    with closing(FailingLinuxCnc(FailingAxes())) as twin:
         line = MotionLine(controller_of(twin.endpoint, LIMITS), BUSY)
         with pytest.raises(ControllerFault, match="guard beside the program: found did not start"):
             line.start()
@@ -280,9 +280,9 @@ def test_a_second_stop_refused_is_no_stop() -> None:
     with rig("linuxcnc", answer_s=0.2) as r:
         refuses = threading.Event()
         refuses.set()
-        abort = LinuxCncTwin._abort
+        abort = FailingLinuxCnc._abort
 
-        class Deaf(LinuxCncTwin):
+        class Deaf(FailingLinuxCnc):
             def _abort(self) -> None:
                 if not refuses.is_set():
                     abort(self)
@@ -337,7 +337,7 @@ def test_a_stop_that_took_control_from_another_client_is_answered() -> None:
     with rig("linuxcnc") as r:
         r.on_the_way()
         twin = r.twin
-        assert isinstance(twin, LinuxCncTwin)
+        assert isinstance(twin, FailingLinuxCnc)
         with twin.lock:  # between two looks
             twin.control = None
             r.line.stop("a test", by_operator=True)
@@ -347,7 +347,7 @@ def test_a_stop_that_took_control_from_another_client_is_answered() -> None:
 
 
 def test_a_board_of_another_machine_is_not_homed_either() -> None:
-    with closing(GrblTwin(SimulatedAxes(), "tcp")) as twin:
+    with closing(GrblTwin(FailingAxes(), "tcp")) as twin:
         twin.befall(MotionTrouble.NOT_HOMED)
         twin.settings["130"] = "20.000"
         line = MotionLine(controller_of(twin.endpoint, LIMITS), BUSY)
@@ -468,9 +468,9 @@ while time.monotonic() < end:
 def test_a_program_that_is_killed_or_suspended_leaves_no_machine_moving(
     name: str, way: str
 ) -> None:
-    from drivers.motion.twins import TWINS
+    from tests.drivers.motion.twins import TWINS
 
-    with closing(TWINS[name](SimulatedAxes())) as twin:
+    with closing(TWINS[name](FailingAxes())) as twin:
         program = subprocess.Popen(
             [sys.executable, "-c", LIVES, twin.endpoint], stdout=subprocess.PIPE, text=True
         )

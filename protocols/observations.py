@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +24,7 @@ from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.movements import carriage_movement
 from calib.tripod.pipeline import simulate
-from protocols.documents import Triple
+from protocols.documents import ZERO, Triple
 from protocols.machine import Instrument, Machine
 from protocols.motion import approach_sign, departure_mm, movement_signs
 from protocols.procedure import Step, leg_number
@@ -61,63 +60,34 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
     if not readings:
         raise NotIdentifiable("readings", "none", "a session with readings in two postures")
     machine = sessions[0].opened.machine
-    values = zip(*map(attrgetter(*COLUMNS), readings), strict=True)  # there may be 50,000 readings
-    columns = dict(zip(COLUMNS, values, strict=True))
-    over_plane, contact = (np.array(columns[key], dtype=bool) for key in ("over_plane", "contact"))
+    contact = np.array([r.contact for r in readings], dtype=bool)  # None is False
+    by_hand = np.array([r.mount == BY_HAND for r in readings])
     observations = Observations(
-        leg=np.array([NUMBERS[name] for name in columns["leg"]], dtype=np.intp),
-        axis=np.array([NUMBERS[name] for name in columns["axis"]], dtype=np.intp),
-        displacement_mm=np.array(columns["displacement_mm"]),
-        station=np.array(columns["station"]),
+        leg=np.array([NUMBERS[r.leg] for r in readings], dtype=np.intp),
+        axis=np.array([NUMBERS[r.axis] for r in readings], dtype=np.intp),
+        displacement_mm=np.array([r.displacement_mm for r in readings]),
+        station=np.array([r.station for r in readings]),
         approach=np.array(approach),
-        cycle=np.array(columns["cycle"], dtype=np.intp),
+        cycle=np.array([r.cycle for r in readings], dtype=np.intp),
         time_s=np.array(times_s),
-        temperature_c=np.array(columns["temperature_c"], dtype=np.float64),  # None is NaN
+        temperature_c=np.array(
+            [r.temperature_c for r in readings], dtype=np.float64
+        ),  # None is NaN
         mount=numbers_of(mounts),
         indicator=numbers_of(indicators),
-        position_mm=_places_mm(columns["position_mm"]),
+        position_mm=np.array([r.position_mm or ZERO for r in readings]),
         movement=np.concatenate(movement),
-        along_mm=_along_mm(readings, np.flatnonzero(over_plane), machine),
+        along_mm=np.array([along_mm(r, machine) for r in readings]),
         contact=contact,
-        beside_mm=_beside_mm(readings, np.flatnonzero(contact), machine),
-        value_mm=np.array(columns["value_mm"]),
-        averaged=np.array(columns["averaged"], dtype=np.float64),
+        beside_mm=np.where((contact & ~by_hand)[:, None], machine.beside_mm, 0.0),
+        value_mm=np.array([r.value_mm for r in readings]),
+        averaged=np.array([r.averaged for r in readings], dtype=np.float64),
     )
     observations = _as_commanded(observations, readings, machine.geometry())
     return _repeated(observations)
 
 
-COLUMNS = (
-    *("leg", "axis", "displacement_mm", "station", "cycle", "temperature_c", "position_mm"),
-    *("over_plane", "contact", "value_mm", "averaged"),
-)
-"""Of readings, as they become arrays."""
-
 NUMBERS = {name: leg_number(name) for name in TOUCHED_NAMES}
-
-
-def _places_mm(places_mm: Sequence[Triple | None]) -> FloatArray:
-    """Places ``(n, 3)``; none is 0."""
-    array = np.zeros((len(places_mm), 3))
-    if rows := [row for row, place_mm in enumerate(places_mm) if place_mm is not None]:
-        array[rows] = [places_mm[row] for row in rows]
-    return array
-
-
-def _beside_mm(readings: Sequence[Reading], rows: IntArray, machine: Machine) -> FloatArray:
-    """Where ``(n, 3)`` what met the plate is, from the tool: a probe, unless it was by hand."""
-    beside_mm = np.zeros((len(readings), 3))
-    by_probe = [row for row in rows.tolist() if readings[row].mount != BY_HAND]
-    beside_mm[by_probe] = machine.beside_mm
-    return beside_mm
-
-
-def _along_mm(readings: Sequence[Reading], rows: IntArray, machine: Machine) -> FloatArray:
-    """`along_mm` of these rows ``(n,)``; of others NaN."""
-    places_mm = np.full(len(readings), np.nan)
-    for row in rows.tolist():
-        places_mm[row] = along_mm(readings[row], machine)
-    return places_mm
 
 
 def numbers_of(names: Sequence[Hashable]) -> IntArray:
@@ -365,14 +335,12 @@ def _values_step_mm(session: Session) -> float | None:
 
     What was written down of a contact is its place.
     """
-    values = np.array([_recorded_mm(r) for r in session.readings if r.averaged == 1])
-    return display_step_mm(values, session.step_mm)
-
-
-def _recorded_mm(reading: Reading) -> float:
-    if reading.contact and reading.position_mm:
-        return reading.position_mm[leg_number(reading.axis)]
-    return reading.value_mm
+    written_mm = [
+        r.position_mm[leg_number(r.axis)] if r.contact and r.position_mm else r.value_mm
+        for r in session.readings
+        if r.averaged == 1
+    ]
+    return display_step_mm(np.array(written_mm), session.step_mm)
 
 
 def worst_stated(instruments: Iterable[Instrument]) -> IndicatorFigures:

@@ -389,6 +389,7 @@ class Session(Tabled):
     numbers of the steps that are left out; ``notes`` are the remarks made on the way,
     ``distances`` those between marks since the last change of the machine. A ``closed`` one is not
     continued. ``name`` and ``digest`` are those of its record, empty where it has none.
+    ``known_steps`` stand in place of those of the procedure, which a table has not.
     """
 
     opened: Opened
@@ -405,6 +406,7 @@ class Session(Tabled):
     closed: bool = False
     name: str = ""
     digest: str = ""
+    known_steps: tuple[Step, ...] | None = None
 
     @property
     def adjusted(self) -> str | None:
@@ -415,7 +417,8 @@ class Session(Tabled):
 
     @cached_property
     def _steps(self) -> tuple[Step, ...]:
-        return self.opened.steps()  # the screen asks with every picture
+        # the screen asks with every picture
+        return self.opened.steps() if self.known_steps is None else self.known_steps
 
     def steps(self) -> tuple[Step, ...]:
         """The steps of the session's procedure; none for an imported table."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from itertools import pairwise
@@ -26,7 +26,6 @@ from protocols.session import (
     Noted,
     Opened,
     Reading,
-    Session,
     Skipped,
     fold,
 )
@@ -139,17 +138,6 @@ class PlaybackState(StrEnum):
     PLAYING = "PLAYING"
     PAUSED = "PAUSED"
     END = "END"
-
-
-@dataclass(frozen=True)
-class ShownSession(Session):
-    """A session whose steps are known beforehand, also those of a table."""
-
-    known_steps: tuple[Step, ...] = ()
-
-    def steps(self) -> tuple[Step, ...]:
-        """The steps, made once."""
-        return self.known_steps
 
 
 class Playback:
@@ -284,8 +272,7 @@ class Playback:
         session = fold(self._events[: self.position]) if self.is_table else self.session
         if not session.mountings and session.all_readings:
             session = replace(session, mountings=(_mounting(session.all_readings),))
-        values = {field.name: getattr(session, field.name) for field in fields(Session)}
-        self.shown = ShownSession(**values, known_steps=self.steps)
+        self.shown = replace(session, known_steps=self.steps)
 
     @property
     def now(self) -> Step | None:

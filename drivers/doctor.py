@@ -75,22 +75,16 @@ def examine(
     return findings + list(_of_outcomes(profile, query, outcomes, alternatives))
 
 
-@dataclass(frozen=True)
-class FittingProfile:
-    """A profile that was asked in its own way and answered, twice alike.
-
-    ``outcome`` is a reading, or a value in another unit or of another channel than asked for.
-    """
-
-    profile: Profile
-    outcome: Outcome
+Fit = tuple[Profile, Outcome]
+"""A profile that was asked in its own way and answered, twice alike: a reading, or a value in
+another unit or of another channel than asked for."""
 
 
 @dataclass(frozen=True)
 class Trials:
     """What came of trying profiles: those that fit, and what was heard instead of a value."""
 
-    fits: tuple[FittingProfile, ...]
+    fits: tuple[Fit, ...]
     faults: tuple[tuple[Profile, Fault], ...]
     count: int
 
@@ -120,7 +114,7 @@ def try_profiles(
     """
     waiting = _groups(profiles, port, query)
     count, number = len(waiting), 0
-    fits: list[FittingProfile] = []
+    fits: list[Fit] = []
     faults: list[tuple[Profile, Fault]] = []
     while waiting and not stopped():
         group, number = waiting.pop(0), number + 1
@@ -130,7 +124,8 @@ def try_profiles(
         if group_fits and _rank(outcome) <= A_VALUE:
             fits += group_fits
             candidates = (
-                [fit.profile for fit in _fitting(group, outcome.text, query)] for group in waiting
+                [profile for profile, _ in _fitting(group, outcome.text, query)]
+                for group in waiting
             )
             waiting = [tuple(fitting) for fitting in candidates if fitting]
             count = number + len(waiting)
@@ -197,13 +192,11 @@ def _rank(outcome: Outcome | None) -> int:
     return ranks.get(outcome.kind, 3)
 
 
-def _fitting(group: Sequence[Profile], text: str, query: Query) -> list[FittingProfile]:
+def _fitting(group: Sequence[Profile], text: str, query: Query) -> list[Fit]:
     """The profiles of a group that read a value in a line."""
     outcomes = ((profile, profile.parse(text, query)) for profile in group)
     return [
-        FittingProfile(profile, outcome)
-        for profile, outcome in outcomes
-        if outcome and _rank(outcome) <= A_VALUE
+        (profile, outcome) for profile, outcome in outcomes if outcome and _rank(outcome) <= A_VALUE
     ]
 
 
@@ -230,10 +223,10 @@ def examine_by_trial(
 def findings_of(trials: Trials) -> list[PortFinding]:
     """The profiles that fit, or why none does."""
     findings = [] if trials.fits else list(_of_silence(trials.faults))
-    readings = [fit.outcome for fit in trials.fits if isinstance(fit.outcome, IndicatorReading)]
+    readings = [value for _, value in trials.fits if isinstance(value, IndicatorReading)]
     if readings:
         findings += _of_reading(readings[0])
-    for profile, outcome in ((fit.profile, fit.outcome) for fit in trials.fits):
+    for profile, outcome in trials.fits:
         fits = f"{profile.name} fits: {profile.title} ({profile.verified})"
         if isinstance(outcome, Fault):
             next_step = NEXT_STEPS[outcome.kind]

@@ -14,8 +14,6 @@ from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Profile
 REOPEN_S = 0.25
 """Pause between attempts to open a port that was lost."""
 
-BUSY_WAIT_S = 0.05
-"""As readers of Mitutoyo's USB tools do, whose 918 says that it is busy."""
 
 LONGEST_LINE = 512
 """More than this without a line end is no answer of any profile."""
@@ -158,7 +156,8 @@ class Exchange:
         for _ in range(self.profile.busy_retries):
             if not (isinstance(outcome, Fault) and outcome.kind is FaultKind.BUSY):
                 break
-            self._wait(BUSY_WAIT_S)
+            # as readers of Mitutoyo's USB tools do, whose 918 says that it is busy
+            self._wait(0.05)
             outcome = self._exchange()
         if isinstance(outcome, IndicatorReading):
             self._form = outcome.text.translate(FORM)

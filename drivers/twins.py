@@ -269,9 +269,6 @@ class _LoopbackTcp:
         self._server.close()
 
 
-FAST_STREAM_S = 0.01
-"""Pace of streaming devices in compressed time."""
-
 PUSH_MM, PUSH_S = 1.0, 0.8
 """How far a hand pushes a spindle in, and how long."""
 
@@ -306,7 +303,8 @@ class SimulatedRig:
             TwinPort(
                 IndicatorTwin(profile, Spindle(self._spindle(k), resolution_mm)),
                 transport,
-                stream_s=FAST_STREAM_S if fastest_stream and profile.stream_s else profile.stream_s,
+                # pace of streaming devices in compressed time
+                stream_s=0.01 if fastest_stream and profile.stream_s else profile.stream_s,
             )
             for k, profile in enumerate(profiles)
         ]

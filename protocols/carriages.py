@@ -11,13 +11,10 @@ from calib.arrays import LEG_NAMES, conditions
 from calib.errors import UnreachablePosture
 from calib.tripod.geometry import PARAMETER_NAMES, direct, inverse
 from calib.tripod.pipeline import readings_and_derivatives
-from protocols.documents import Triple
+from protocols.documents import Triple, triple
 from protocols.machine import Machine
 from protocols.motion import tool_of
 from protocols.procedure import ALL_AXES, Step, leg_number
-
-SIGMAS = 3.0
-"""A raw machine is off by at most so many standard deviations of its parts."""
 
 STAND_MM = 5.0
 """So far along the bar a stand may be from the station."""
@@ -53,8 +50,7 @@ def moved_alone(place_mm: Triple, carriage: str, way_mm: float, machine: Machine
         tool = direct(geometry, joints)
     except UnreachablePosture:
         return None
-    x, y, z = (joints if machine.mdi == "joint" else tool).tolist()
-    return x, y, z
+    return triple((joints if machine.mdi == "joint" else tool).tolist())
 
 
 def is_allowed(place_mm: Triple, machine: Machine) -> bool:
@@ -87,7 +83,8 @@ def changes(step: Step, from_mm: Triple, to_mm: Triple, machine: Machine) -> tup
     )
     nominal = (0.0,) * len(PARAMETER_NAMES)
     readings, by_parameter = readings_and_derivatives(local, nominal, observations)
-    raw_mm = SIGMAS * np.linalg.norm(by_parameter[:3] * machine.tolerances_mm(), axis=1)
+    # a raw machine is off by at most so many standard deviations of its parts
+    raw_mm = 3.0 * np.linalg.norm(by_parameter[:3] * machine.tolerances_mm(), axis=1)
     moved, below, above = readings.reshape(3, 3)
     aside_mm = np.abs(above - below) / 2.0
     across_mm = np.sqrt(np.maximum((moved**2).sum() - moved**2, 0.0))

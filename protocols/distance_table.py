@@ -15,9 +15,6 @@ from protocols.documents import Triple
 from protocols.session import Distance
 from protocols.table import FROM, TO, Row, rows_of_table
 
-BY_HAND_MM = 0.05
-"""Standard deviation of marking and measuring with a caliper, if nobody states another."""
-
 OFF_MM = 5.0
 """So far what was measured may be from what was commanded: a machine that is off by more was of no
 use, and the distance is of other marks, or in another unit."""
@@ -73,7 +70,8 @@ def checked(
     Raises RecordError for marks that the bars do not reach, two marks at one place, a distance that
     is none, or far from what was commanded.
     """
-    usual_mm = BY_HAND_MM if deviation_mm is None else deviation_mm
+    # standard deviation of marking and measuring with a caliper, if nobody states another
+    usual_mm = 0.05 if deviation_mm is None else deviation_mm
     return tuple(
         _checked(number, entry, geometry, usual_mm)
         for number, entry in enumerate(measured, start=1)

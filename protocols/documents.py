@@ -33,6 +33,14 @@ LARGEST_MM = 100_000.0
 LengthMm = Annotated[float, Field(ge=-LARGEST_MM, le=LARGEST_MM)]
 Triple = tuple[LengthMm, LengthMm, LengthMm]
 ZERO: Triple = (0.0, 0.0, 0.0)
+
+
+def triple(values: Iterable[float]) -> Triple:
+    """Three numbers, of drives x, y, z or of a place, as documents have them."""
+    x, y, z = values
+    return x, y, z
+
+
 LEAST_FIGURE_MM = 1e-9
 """Smaller figures of an indicator are none: the squares of readings over them have no room."""
 

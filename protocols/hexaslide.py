@@ -54,6 +54,7 @@ from protocols.documents import (
     read_text,
     read_toml,
     toml_text,
+    triple,
     with_serial_number,
 )
 
@@ -369,7 +370,6 @@ MeasurementsSchema = Literal["glidecal.hexaslide-measurements/1"]
 TruthSchema = Literal["glidecal.hexaslide-truth/1"]
 SCHEMA: MeasurementsSchema = "glidecal.hexaslide-measurements/1"
 TRUTH_SCHEMA: TruthSchema = "glidecal.hexaslide-truth/1"
-ROW_SEPARATOR = ",\n  "
 WHOLE_FILE = "a whole file as glidecal simulate --machine hexaslide writes it"
 NUMBER_OF_POSTURE = re.compile(r"postures\.(\d+)")
 
@@ -464,7 +464,7 @@ class HexaSlideMeasurements(Document):
     def text(self) -> str:
         """The file: a header, then one posture a line."""
         header = self.model_dump(mode="json", exclude={"postures"})
-        rows = ROW_SEPARATOR.join(posture.model_dump_json() for posture in self.postures)
+        rows = ",\n  ".join(posture.model_dump_json() for posture in self.postures)
         return f'{_lines(header)},\n "postures": [\n  {rows}\n ]\n}}\n'
 
 
@@ -536,5 +536,4 @@ def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> He
 
 def _point(values_m: Numbers) -> Point:
     """A point in millimetres."""
-    x, y, z = (1000.0 * float(value) for value in values_m)
-    return (x, y, z)
+    return triple(1000.0 * float(value) for value in values_m)

@@ -129,21 +129,26 @@ def readings_of_table(
     return PostureTable(tuple(readings), tuple(line_numbers), tuple(remarks))
 
 
+def _fault(
+    path: Path, line: int, column: str, value: str, allowed: str, next_step: str = ""
+) -> RecordError:
+    return RecordError(f"table {path}, line {line}, column {column}", value, allowed, next_step)
+
+
 def _header(path: Path, line: int, names: list[str], measured: Sequence[str]) -> list[str]:
     """Raises RecordError for a column that is missing, doubled, or of a seventh joint."""
-    subject = f"table {path}, line {line}"
     columns = ", ".join((*SLIDERS, *measured))
     for name in names:
         if NUMBERED.fullmatch(name) and name not in SLIDERS:
             fault = f"a joint more than the {CHAINS} of the machine"
-            raise RecordError(f"{subject}, column {name}", fault, columns)
+            raise _fault(path, line, name, fault, columns)
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
-        raise RecordError(f"{subject}, column {twice[0] or '(no name)'}", "twice", "each once")
+        raise _fault(path, line, twice[0] or "(no name)", "twice", "each once")
     missing = [name for name in (*SLIDERS, *measured) if name not in names]
     if missing:
         fault = f"no such column among {', '.join(names)}"
-        raise RecordError(f"{subject}, column {missing[0]}", fault, columns)
+        raise _fault(path, line, missing[0], fault, columns)
     return names
 
 
@@ -157,34 +162,27 @@ def _factors(path: Path, line: int, cells: list[str], header: list[str]) -> dict
         units = ANGLE_UNITS if name in ANGLES else LENGTHS
         if unit not in units:
             fault = f"{unit}, where the unit is expected" if NUMBER.fullmatch(unit) else unit
-            raise RecordError(
-                f"table {path}, line {line}, column {name}",
-                fault or "no unit",
-                " or ".join(units),
-                UNIT_ROW,
-            )
+            raise _fault(path, line, name, fault or "no unit", " or ".join(units), UNIT_ROW)
         factors[name] = units[unit]
     return factors
 
 
 def _number(path: Path, line: int, name: str, cell: str, factor: float, semicolons: bool) -> float:
-    subject = f"table {path}, line {line}, column {name}"
     if semicolons and COMMA.fullmatch(cell):
         cell = cell.replace(",", ".")
     if not NUMBER.fullmatch(cell):
         next_step = "Write decimals with a point." if "," in cell else ""
-        raise RecordError(subject, cell or "an empty cell", "a number", next_step)
+        raise _fault(path, line, name, cell or "an empty cell", "a number", next_step)
     value = factor * float(cell)
     if abs(value) > LARGEST:
-        raise RecordError(subject, cell, f"up to {LARGEST:g} mm or degrees")
+        raise _fault(path, line, name, cell, f"up to {LARGEST:g} mm or degrees")
     return value
 
 
 def _posture(path: Path, line: int, cells: dict[str, str], usual: int) -> int:
     cell = cells.get("posture", "") or str(usual)
     if not cell.isdecimal() or not 1 <= int(cell) <= MOST_POSTURES:
-        subject = f"table {path}, line {line}, column posture"
-        raise RecordError(subject, cell, f"its number, 1 … {MOST_POSTURES}")
+        raise _fault(path, line, "posture", cell, f"its number, 1 … {MOST_POSTURES}")
     return int(cell)
 
 
@@ -195,8 +193,5 @@ def _check_travel(
     for name, chain in zip(SLIDERS, machine.chain, strict=True):
         least, greatest = chain.travel_mm or (-LARGEST, LARGEST)
         if not least - 1e-3 <= values[name] <= greatest + 1e-3:
-            raise RecordError(
-                f"table {path}, line {line}, column {name}",
-                f"{values[name]:g} mm",
-                f"{least:g} to {greatest:g} mm, its travel_mm in the machine file",
-            )
+            allowed = f"{least:g} to {greatest:g} mm, its travel_mm in the machine file"
+            raise _fault(path, line, name, f"{values[name]:g} mm", allowed)

@@ -24,9 +24,6 @@ from protocols.record import (
 )
 from protocols.session import FIRST_DIGEST, Closed, Event, Line, local_now
 
-TAIL_BYTES = 4096
-"""So much of the end of the file is looked at before it grows."""
-
 
 class Journal:
     """The one writer of a session file. `append` returns only when the line is on the disk.
@@ -167,7 +164,8 @@ class Journal:
         """The file has its name and ends as it was left. Raises OSError; RecordError if not."""
         if not files.leads_to(self.path, self._file):
             self._restore()
-        tail = self._content[-TAIL_BYTES:]
+        # so much of the end of the file is looked at before it grows
+        tail = self._content[-4096:]
         self._file.seek(len(self._content) - len(tail))
         content = self._file.readall()
         if not (content.startswith(tail) and self._unsure.startswith(content[len(tail) :])):

@@ -32,16 +32,13 @@ from protocols.documents import (
     read_toml,
     refuse_empty,
     toml_text,
+    triple,
     with_serial_number,
 )
 from protocols.machine_files import SCHEMA, USUAL_MACHINE, machine_files, machine_names, schema_of
 
 Length = Annotated[float, Field(ge=0.001, le=LARGEST_MM)]
 
-LEAST_LENGTH = 1e-6
-"""A shorter vector tells no direction."""
-
-USUAL_PROCEDURE = "zero-max-min"
 
 Frame = Literal["touched-off", "aligned", "machine"]
 """What is free when the tool is judged: a shift, as the workpiece is touched off; a shift and a
@@ -49,7 +46,8 @@ turn, as it is aligned too; nothing, as coordinates are the machine's own."""
 
 
 def _somewhere(vector: Triple) -> Triple:
-    if math.hypot(*vector) < LEAST_LENGTH:
+    # a shorter vector tells no direction
+    if math.hypot(*vector) < 1e-6:
         raise ValueError("a direction, such as [0.0, 0.0, -1.0], not of length 0")
     return vector
 
@@ -272,8 +270,7 @@ class Machine(Document):
         """Joint coordinates where the tool over the middle is at these heights, mm."""
         if endstop_mm is None:
             return None
-        x, y, z = (np.array(endstop_mm) + self.geometry().zero_mm).tolist()
-        return x, y, z
+        return triple((np.array(endstop_mm) + self.geometry().zero_mm).tolist())
 
     def holding_steps(self, steps: Triple | None) -> Machine:
         """The machine where firmware holds these ``steps``: mm for a turn, or steps per mm.
@@ -324,15 +321,14 @@ class Machine(Document):
     @property
     def usual_procedure(self) -> str:
         """The procedure that is taken where none is named."""
-        return self.procedure or USUAL_PROCEDURE
+        return self.procedure or "zero-max-min"
 
     def geometry(self) -> Geometry:
         """The nominal geometry for the mathematics."""
         x, y, z = self.drive or SQUARE_DRIVES
-        lengths = [bar.leg_length_mm or self.leg_length_mm for bar in (x, y, z)]
         usable = [bar.usable_bar or self.usable_bar for bar in (x, y, z)]
         return Geometry(
-            leg_length_mm=(lengths[0], lengths[1], lengths[2]),
+            leg_length_mm=triple(bar.leg_length_mm or self.leg_length_mm for bar in (x, y, z)),
             travel_max_mm=self.travel_max_mm,
             travel_min_mm=self.travel_min_mm,
             parallelogram_width_mm=self.parallelogram_width_mm,
@@ -361,13 +357,11 @@ def machine_text(machine: Machine, comments: Iterable[str]) -> str:
 
 
 def _rounded(vector: Triple, digits: int) -> Triple:
-    x, y, z = (round(part, digits) + 0.0 for part in vector)
-    return x, y, z
+    return triple(round(part, digits) + 0.0 for part in vector)
 
 
 def _unit_vector(vector: Triple) -> Triple:
-    x, y, z = (part / math.hypot(*vector) for part in vector)
-    return x, y, z
+    return triple(part / math.hypot(*vector) for part in vector)
 
 
 def _import_of(path: Path) -> str:

@@ -14,7 +14,7 @@ from calib.errors import RecordError
 from calib.tripod.geometry import Geometry, direct, inverse
 from calib.tripod.movements import carriage_movement
 from calib.tripod.pipeline import commanded_tool
-from protocols.documents import Triple
+from protocols.documents import Triple, triple
 from protocols.machine import Machine, MotionLimits
 from protocols.procedure import (
     ALL_AXES,
@@ -64,8 +64,7 @@ def zero_mm(machine: Machine) -> Triple:
 def _in_coordinates(tool: FloatArray, machine: Machine) -> Triple:
     """A tool position ``(3,)`` from Zero in the coordinates that the controller takes."""
     target = inverse(machine.geometry(), tool) if machine.mdi == "joint" else tool
-    x, y, z = (float(mm) + 0.0 for mm in target)  # no -0.0
-    return x, y, z
+    return triple(float(mm) + 0.0 for mm in target)  # no -0.0
 
 
 def tool_mm(step: Step, geometry: Geometry) -> FloatArray:
@@ -99,10 +98,9 @@ def way_mm(
     places.append(goal)
     outside = next((at for at in places if not geometry.stands(at[None])[0]), None)
     if outside is not None:
-        x, y, z = (round(float(mm), 3) for mm in outside)
         raise RecordError(
             f"way to step {step.number}",
-            position_words((x, y, z)),
+            position_words(triple(round(float(mm), 3) for mm in outside)),
             "a position that the bars reach within the joint limits",
             "Change preroll_mm under [motion] in the machine file, or the procedure.",
         )
@@ -129,8 +127,7 @@ def _along(step: Step, geometry: Geometry) -> FloatArray:
 
 def tool_at(target: Triple, machine: Machine) -> Triple:
     """Where the tool of a machine without errors is, from Zero, when its controller is there."""
-    x, y, z = tool_of(target, machine.mdi, machine.geometry()).tolist()
-    return x, y, z
+    return triple(tool_of(target, machine.mdi, machine.geometry()).tolist())
 
 
 def moves_mm(ways: Iterable[Sequence[Triple]]) -> list[float]:
@@ -189,7 +186,7 @@ def box_mm(machine: Machine) -> tuple[Triple, Triple]:
         )
     zero = geometry.zero_mm if machine.mdi == "joint" else np.zeros(3)
     low, high = zero + geometry.travel_min_mm, zero + geometry.travel_max_mm
-    return (low[0], low[1], low[2]), (high[0], high[1], high[2])
+    return triple(low), triple(high)
 
 
 def departure_mm(moved: Moved, geometry: Geometry) -> FloatArray:

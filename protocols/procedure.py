@@ -27,6 +27,7 @@ from protocols.documents import (
     line_of,
     read_text,
     read_toml,
+    triple,
 )
 from protocols.machine import Instrument, Machine
 
@@ -128,8 +129,7 @@ class Plate(Document):
         angle = math.tau * (0.25 + number / self.points)
         # + 0.0: a rounded -0.0 would be shown with its sign
         across = iter((round(radius * math.cos(angle), 3), round(radius * math.sin(angle), 3)))
-        x, y, z = (height if name == self.axis else next(across) + 0.0 for name in ALL_AXES)
-        return x, y, z
+        return triple(height if name == self.axis else next(across) + 0.0 for name in ALL_AXES)
 
 
 class Procedure(Document):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import AfterValidator, AwareDatetime, Field, TypeAdapter, model_validator
 
@@ -204,6 +204,23 @@ class Reading(Line):
     contact: bool | None = None
     moved: Moved | None = None
     extra: dict[Name, Name] = Field(default_factory=dict)
+
+    @classmethod
+    def of_step(cls, step: Step, axis: Leg, procedure: Procedure | None, **values: Any) -> Self:  # noqa: ANN401 (of other fields)
+        """A reading along one axis of a step; ``values`` are those of the other fields."""
+        plate = procedure.plate if procedure else None
+        return cls(
+            step=step.number,
+            leg=step.leg,
+            axis=axis,
+            displacement_mm=step.displacement_mm,
+            position_mm=step.position_mm,
+            lift_mm=plate.lift_mm or None if plate else None,
+            cycle=step.cycle,
+            station=step.station,
+            over_plane=step.over_plane or None,
+            **values,
+        )
 
     @property
     def posture_mm(self) -> tuple[float, Triple | None]:

@@ -41,9 +41,6 @@ from protocols.session import (
     Superseded,
 )
 
-COMMON_TOLERANCES = 2.0
-"""Of offsets, beyond which contacts that are off alike are worth a word: 95 of 100 are within."""
-
 REQUIRED = ("leg", "axis", "displacement_mm", "value_mm")
 OPTIONAL = (
     *("cycle", "time_s", "mount", "station", "temperature_c", "averaged", "seq", "plane"),
@@ -234,7 +231,8 @@ def off_plate_words(readings: Sequence[Reading], machine: Machine) -> str:
         if reading.contact and reading.position_mm is not None
     ]
     common_mm = float(np.median(off_mm)) if off_mm else 0.0
-    limit_mm = COMMON_TOLERANCES * machine.offset_tolerance_mm
+    # of offsets, beyond which contacts that are off alike are worth a word: 95 of 100 are within
+    limit_mm = 2.0 * machine.offset_tolerance_mm
     if abs(common_mm) <= limit_mm:
         return ""
     side = "higher" if common_mm > 0.0 else "lower"

@@ -7,7 +7,6 @@ import select
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from datetime import date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -208,13 +207,14 @@ def import_files(
                     "--machine-file-out", f"{path}, which is read", "another file, FILE.toml"
                 )
     may = may_replace(force, machine_file_out)
-    figures = StatedFigures(resolution, repeatability, remarks)
     opened, events, machine_file, notes = _read_from(
         source,
         machine,
-        figures,
         distances,
+        resolution,
+        repeatability,
         distance_deviation,
+        remarks,
         geometry_alone=machine_file_out is not None,
     )
     if distance_deviation is not None and not any(e.event == "distance" for e in events):
@@ -284,21 +284,14 @@ def _write_template(
     say(f"{procedure.name} to be filled in, column value_mm: {source[0]}")
 
 
-@dataclass(frozen=True)
-class StatedFigures:
-    """What a person states of what measured, mm, and remarks for the record."""
-
-    resolution_mm: float | None
-    repeatability_mm: float | None
-    remarks: tuple[str, ...]
-
-
 def _read_from(
     source: list[Path],
     machine: str | None,
-    figures: StatedFigures,
     distances: Path | None,
+    resolution_mm: float | None,
+    repeatability_mm: float | None,
     deviation_mm: float | None,
+    remarks: tuple[str, ...],
     *,
     geometry_alone: bool,
 ) -> tuple[Opened, Sequence[Event], str | None, list[str]]:
@@ -315,29 +308,29 @@ def _read_from(
             source,
             program(),
             machine=load_machine(machine) if machine else None,
-            resolution_mm=figures.resolution_mm,
-            repeatability_mm=figures.repeatability_mm,
-            remarks=figures.remarks,
+            resolution_mm=resolution_mm,
+            repeatability_mm=repeatability_mm,
+            remarks=remarks,
             geometry_alone=geometry_alone,
         )
-        remarks = [f"not used: {odd}" for odd in printer.oddities]
+        unused = [f"not used: {odd}" for odd in printer.oddities]
         measured = checked(
             (*printer.distances, *measured_distances),
             printer.opened.machine.geometry(),
             deviation_mm,
         )
-        return printer.opened, (*printer.contacts, *measured), printer.machine_file, remarks
+        return printer.opened, (*printer.contacts, *measured), printer.machine_file, unused
     opened, events, unknown = opened_table(
         source[0],
         load_machine(machine),
         program(),
-        resolution_mm=figures.resolution_mm,
-        repeatability_mm=figures.repeatability_mm,
-        remarks=figures.remarks,
+        resolution_mm=resolution_mm,
+        repeatability_mm=repeatability_mm,
+        remarks=remarks,
     )
-    remarks = [f"columns kept but not used: {', '.join(unknown)}"] if unknown else []
+    unused = [f"columns kept but not used: {', '.join(unknown)}"] if unknown else []
     measured = checked(measured_distances, opened.machine.geometry(), deviation_mm)
-    return opened, (*events, *measured), None, remarks
+    return opened, (*events, *measured), None, unused
 
 
 def _cautions(session: Session, word: str) -> Iterator[str]:

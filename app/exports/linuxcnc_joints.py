@@ -15,8 +15,6 @@ from calib.errors import RecordError, UsageError
 from calib.tripod.controller import ControllerJoint, ControllerJoints, JointEntries
 from calib.tripod.joint_travel import JointTravel, Switch, travel_of
 
-TRIVIAL = "trivkins"
-
 NOT_CHECKED = (
     "Not checked without an INI file (--ini): which joint moves which drive, travel, limits, and "
     "home switches. Compare the new HOME_OFFSET with MIN_LIMIT and MAX_LIMIT before the first move."
@@ -71,7 +69,7 @@ def _named(
     gantry = any(len(set(names)) < len(names) for names in (axes, listed))
     if of_machine and not gantry:
         return of_machine
-    count, trivial = len(controller.joints), controller.kinematics == TRIVIAL
+    count, trivial = len(controller.joints), controller.kinematics == "trivkins"
     if axes and len(axes) > count:
         raise _unclear(controller, f"{count} joints", "a joint for each letter of coordinates=")
     if trivial and axes:

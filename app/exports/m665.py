@@ -7,14 +7,14 @@ taken to be at H (Z) once it stands M666 from its switch, which therefore trips 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from app.evaluating.printer import drives_of_towers
 from app.exports.towers import comments, endstops_now_mm, fitted
 from app.report.offsets import Export, Offsets
 from calib.arrays import LEG_NAMES
 from calib.tripod.geometry import USUAL_ANGLES_DEG
-from calib.tripod.towers import ALIKE_BARS, ON_ONE_CIRCLE, EnteredTowers
+from calib.tripod.towers import ALIKE_BARS, ON_ONE_CIRCLE, EnteredTowers, TowerEntries
 
 TOWERS = "XYZ"
 
@@ -33,8 +33,6 @@ SMOOTHIEWARE_PUT = (
     "send these lines, then M500, then home. Older builds take F for H, the angle of the third "
     "tower. What M206 adds stays"
 )
-LEAST_TRIM_MM = 0.25
-"""Marlin does not retrace by fewer than some steps: every trim is longer than these are."""
 
 
 def config_g(offsets: Offsets) -> Export:
@@ -43,20 +41,18 @@ def config_g(offsets: Offsets) -> Export:
     H is the mean, so that the corrections of M666 add up to nothing, as automatic calibration
     leaves them.
     """
-    drives, now = drives_of_towers(offsets.machine), endstops_now_mm(offsets)
-    offsets, values = fitted(offsets, ON_ONE_CIRCLE, offsets.machine.steps_per_mm)
-    stops = _by_tower(values.endstops_mm(now), drives)
-    height, towers = sum(stops) / len(stops), values.towers
-    lengths = ":".join(f"{towers.length_mm[drive]:.6f}" for drive in drives)
-    radius = float(towers.radius_mm[0])
-    turned = _words(TOWERS, turned_deg(values, drives))
-    lines = [
-        f"M665 L{lengths} R{radius:.6f} H{height:.6f} {turned}",
-        f"M666 {_words(TOWERS, [stop - height for stop in stops])} A0 B0",
-    ]
-    return _export(
-        offsets, values, REPRAPFIRMWARE_PUT, _entries_now("H + M666", now, drives), drives, lines
-    )
+
+    def lines(values: EnteredTowers, drives: Sequence[int], stops: Sequence[float]) -> list[str]:
+        height, towers = sum(stops) / len(stops), values.towers
+        lengths = ":".join(f"{towers.length_mm[drive]:.6f}" for drive in drives)
+        radius = float(towers.radius_mm[0])
+        return [
+            f"M665 L{lengths} R{radius:.6f} H{height:.6f} "
+            f"{_words(TOWERS, turned_deg(values, drives))}",
+            f"M666 {_words(TOWERS, [stop - height for stop in stops])} A0 B0",
+        ]
+
+    return _export(offsets, ON_ONE_CIRCLE, REPRAPFIRMWARE_PUT, "H + M666", lines)
 
 
 def marlin(offsets: Offsets) -> Export:
@@ -65,20 +61,19 @@ def marlin(offsets: Offsets) -> Export:
     Trims of M666 must not be above 0: the carriage retraces from its switch by them. M665 takes two
     lines, because a line of it has 96 characters at most.
     """
-    drives, now = drives_of_towers(offsets.machine), endstops_now_mm(offsets)
-    offsets, values = fitted(offsets, ON_ONE_CIRCLE, offsets.machine.steps_per_mm)
-    stops, towers = _by_tower(values.endstops_mm(now), drives), values.towers
-    height, length = min(stops) - LEAST_TRIM_MM, float(towers.length_mm.mean())
-    trims = [float(towers.length_mm[drive]) - length for drive in drives]
-    radius = float(towers.radius_mm[0])
-    lines = [
-        f"M665 L{length:.6f} R{radius:.6f} H{height:.6f}",
-        f"M665 {_words(TOWERS, turned_deg(values, drives))} {_words('ABC', trims)}",
-        f"M666 {_words(TOWERS, [height - stop for stop in stops])}",
-    ]
-    return _export(
-        offsets, values, MARLIN_PUT, _entries_now("H - M666", now, drives), drives, lines
-    )
+
+    def lines(values: EnteredTowers, drives: Sequence[int], stops: Sequence[float]) -> list[str]:
+        towers = values.towers
+        # Marlin does not retrace by fewer than some steps: every trim is longer than these are
+        height, length = min(stops) - 0.25, float(towers.length_mm.mean())
+        trims = [float(towers.length_mm[drive]) - length for drive in drives]
+        return [
+            f"M665 L{length:.6f} R{float(towers.radius_mm[0]):.6f} H{height:.6f}",
+            f"M665 {_words(TOWERS, turned_deg(values, drives))} {_words('ABC', trims)}",
+            f"M666 {_words(TOWERS, [height - stop for stop in stops])}",
+        ]
+
+    return _export(offsets, ON_ONE_CIRCLE, MARLIN_PUT, "H - M666", lines)
 
 
 def smoothieware(offsets: Offsets) -> Export:
@@ -87,19 +82,18 @@ def smoothieware(offsets: Offsets) -> Export:
     It has one length, and a radius for each tower. Raises as `config_g`, and UsageError where it
     holds unequal lengths now.
     """
-    drives, now = drives_of_towers(offsets.machine), endstops_now_mm(offsets)
-    offsets, values = fitted(offsets, ALIKE_BARS, offsets.machine.steps_per_mm)
-    stops, towers = _by_tower(values.endstops_mm(now), drives), values.towers
-    height, radius = min(stops), float(towers.radius_mm.mean())
-    further = [float(towers.radius_mm[drive]) - radius for drive in drives]
-    lines = [
-        f"M665 L{float(towers.length_mm[0]):.6f} R{radius:.6f} Z{height:.6f}",
-        f"M665 {_words('ABC', further)} {_words('DEH', turned_deg(values, drives))}",
-        f"M666 {_words(TOWERS, [height - stop for stop in stops])}",
-    ]
-    return _export(
-        offsets, values, SMOOTHIEWARE_PUT, _entries_now("Z - M666", now, drives), drives, lines
-    )
+
+    def lines(values: EnteredTowers, drives: Sequence[int], stops: Sequence[float]) -> list[str]:
+        towers = values.towers
+        height, radius = min(stops), float(towers.radius_mm.mean())
+        further = [float(towers.radius_mm[drive]) - radius for drive in drives]
+        return [
+            f"M665 L{float(towers.length_mm[0]):.6f} R{radius:.6f} Z{height:.6f}",
+            f"M665 {_words('ABC', further)} {_words('DEH', turned_deg(values, drives))}",
+            f"M666 {_words(TOWERS, [height - stop for stop in stops])}",
+        ]
+
+    return _export(offsets, ALIKE_BARS, SMOOTHIEWARE_PUT, "Z - M666", lines)
 
 
 def turned_deg(values: EnteredTowers, drives: Sequence[int]) -> list[float]:
@@ -107,10 +101,6 @@ def turned_deg(values: EnteredTowers, drives: Sequence[int]) -> list[float]:
     places = zip(drives, USUAL_ANGLES_DEG, strict=True)
     angles = values.towers.angle_deg
     return [(float(angles[drive]) - usual + 180.0) % 360.0 - 180.0 for drive, usual in places]
-
-
-def _by_tower(values: Sequence[float], drives: Sequence[int]) -> list[float]:
-    return [values[drive] for drive in drives]
 
 
 def _words(letters: str, values: Sequence[float]) -> str:
@@ -127,14 +117,21 @@ def _entries_now(entry: str, now: Sequence[float], drives: Sequence[int], unit: 
 
 def _export(
     offsets: Offsets,
-    values: EnteredTowers,
+    entries: TowerEntries,
     instruction: str,
-    controller_words: str,
-    drives: Sequence[int],
-    lines: list[str],
+    entry: str,
+    lines_of: Callable[[EnteredTowers, Sequence[int], Sequence[float]], list[str]],
 ) -> Export:
-    """The lines below what is to be known of them, M92 first: all lengths count from it."""
+    """The lines for values, towers and heights of switches, below what is to be known of them.
+
+    M92 is first: all lengths count from it.
+    """
+    drives, now = drives_of_towers(offsets.machine), endstops_now_mm(offsets)
     steps = offsets.machine.steps_per_mm
+    offsets, values = fitted(offsets, entries, steps)
+    controller_words = _entries_now(entry, now, drives)
+    stops = values.endstops_mm(now)
+    lines = lines_of(values, drives, [stops[drive] for drive in drives])
     if steps is not None and values.stretch.any():
         controller_words += _entries_now("M92", steps, drives, "steps per mm")
         a_step = values.turns_mm([1.0 / steps_of_tower for steps_of_tower in steps])

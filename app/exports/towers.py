@@ -124,8 +124,6 @@ def _bounded(offsets: Offsets, values: EnteredTowers, along: Sequence[StageEffec
 
 
 TOUCH = "BEFORE THE FIRST MOVE: home, then touch the plate again"
-NOTICEABLE_MM = 0.005
-"""A change of the tool's height from which a file states it, with two decimals."""
 
 
 def comments(
@@ -140,7 +138,8 @@ def comments(
     each_radius = values.entries.radii
     radius = f"radius {_three(now.radius_mm if each_radius else now.radius_mm[:1])} mm"
     height_words = "these values keep the present height of the tool in the middle of the plate"
-    if abs(z) >= NOTICEABLE_MM:
+    # a change of the tool's height from which a file states it, with two decimals
+    if abs(z) >= 0.005:
         way = "higher" if z > 0.0 else "lower"
         height_words = f"with these values the tool at Zero is about {abs(z):.2f} mm {way} than now"
     lines = [

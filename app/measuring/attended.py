@@ -26,9 +26,6 @@ With GATHER_S alone waiting takes half as much again (`make bench` allows 5 % of
 HELD_KEY_S = 0.15
 """Presses that follow this closely are one held key."""
 
-ANYWAY_S = 4.0
-"""How long a second press takes readings that still move."""
-
 
 class Press(StrEnum):
     """What a press of the key that takes readings leads to."""
@@ -143,7 +140,8 @@ class AttendedSession:
         if now < self._anyway_until or self.ready_by_hand():
             return Press.TAKES
         lacks_value = any(live.motion is Motion.FAULT for live in self._of_step(self.live()))
-        self._anyway_until = 0.0 if lacks_value else now + ANYWAY_S
+        # how long a second press takes readings that still move
+        self._anyway_until = 0.0 if lacks_value else now + 4.0
         return Press.LACKS_VALUE if lacks_value else Press.MOVES
 
     def waits_for_press(self) -> None:

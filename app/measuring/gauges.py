@@ -27,13 +27,6 @@ LOST_S, LATE = 0.35, 1.6
 READINGS_IN_WINDOW = 2.5
 """A slow indicator must have given at least two readings before it can be called stable."""
 
-SPACING_S = 0.02
-"""The history holds one outcome in this time, so that that of a fast indicator stays short."""
-
-
-ONE_DIGIT = 1.001
-"""A last digit that flickers is not a movement."""
-
 
 class Motion(StrEnum):
     """What an indicator is doing, in one word."""
@@ -148,9 +141,12 @@ class Gauge:
             changes = not self._rests or outcome != self._latest
             if isinstance(outcome, IndicatorReading):
                 self._digit_mm = outcome.resolution_mm
-                self._still_mm = max(self._tolerance_mm, ONE_DIGIT * outcome.resolution_mm)
+                # a last digit that flickers is not a movement
+                self._still_mm = max(self._tolerance_mm, 1.001 * outcome.resolution_mm)
                 self._remember(int(now / SLOT_S), outcome.value_mm)
-            if self._heard and now - self._slot < SPACING_S:
+            # the history holds one outcome in this time, so that that of a fast indicator stays
+            # short
+            if self._heard and now - self._slot < 0.02:
                 self._heard[-1] = (now, outcome)
             else:
                 self._slot = now

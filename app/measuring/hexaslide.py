@@ -41,12 +41,10 @@ from protocols.session import Noted, Skipped, Superseded
 GROSS = 1e-12
 """A table has no row that is less plausible: of 10,000 good ones none is."""
 
-ORDER_OF_TURNS = "turns in another order than Ry(theta) Rx(psi) Rz(phi), "
 INDICATED = ("length",)
 """What an indicator in the link measures; it reads where nothing else is measured."""
 
 KEPT = "kept although it was questioned"
-TAKEN_AGAIN = "taken again"
 
 
 @dataclass(frozen=True)
@@ -93,14 +91,8 @@ class PostureTaking:
 
     def __init__(self, journal: Journal, commands: PostureCommands) -> None:
         self._journal, self.commands = journal, commands
-        self._expectation = self._at_first()
+        self._expectation = _at_first(self.session.opened)
         self.doubt = self._examined()
-
-    def _at_first(self) -> Expectation:
-        """What is expected before any reading."""
-        machine = self.session.opened.machine
-        procedure = self.commands.procedure.whole().on(machine.whole())
-        return Expectation(procedure, machine.whole(), machine.tolerances.of(procedure.parameters))
 
     @staticmethod
     def begin(plan: PosturePlan) -> PostureTaking:
@@ -172,12 +164,12 @@ class PostureTaking:
             self._learn([self.doubt.reading])
         self.doubt = None
 
-    def take_again(self, reason: str = TAKEN_AGAIN) -> None:
+    def take_again(self, reason: str = "taken again") -> None:
         """The last reading no longer counts, its posture is the next one."""
         last = self.session.readings[-1]
         self._journal.append(Superseded(readings=(last.reading,), reason=reason))
         if self.doubt is None:  # it was believed, and tells nothing any more
-            self._expectation = self._at_first()
+            self._expectation = _at_first(self.session.opened)
             self._learn_from(self.session.readings)
         self.doubt = None
 
@@ -246,6 +238,13 @@ class PostureTaking:
         return True
 
 
+def _at_first(opened: PosturesOpened) -> Expectation:
+    """What is expected before any reading."""
+    machine = opened.machine.whole()
+    procedure = opened.procedure.whole().on(machine)
+    return Expectation(procedure, machine, opened.machine.tolerances.of(procedure.parameters))
+
+
 def measure_simulated(taking: PostureTaking, seed: int, say: Callable[[str], None]) -> None:
     """Every posture that is left, by a simulated operator who takes a doubtful one again."""
     opened = taking.session.opened
@@ -289,11 +288,7 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
     Raises RecordError where a posture cannot be of this machine: it names the line, the column and
     what else would explain it, a frame before all.
     """
-    machine = session.opened.machine
-    procedure = session.opened.procedure.whole().on(machine.whole())
-    expectation = Expectation(
-        procedure, machine.whole(), machine.tolerances.of(procedure.parameters)
-    )
+    machine, expectation = session.opened.machine, _at_first(session.opened)
     odd: list[str] = []
     gross: list[tuple[int, PostureReading, Departure | None]] = []
     for line, reading in zip(lines, session.readings, strict=True):
@@ -316,7 +311,7 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
     if frame is not None:
         raise _of_another_frame(subject, frame, len(session.readings))
     ways = explanations(expectation, session.only(reading))
-    turns = ORDER_OF_TURNS if column in ANGLES else ""
+    turns = "turns in another order than Ry(theta) Rx(psi) Rz(phi), " if column in ANGLES else ""
     next_step = f"Look for a wrong unit, {turns}another machine file, or tolerances too small."
     if ways:
         next_step = f"As if: {'; '.join(ways)}."

@@ -30,8 +30,6 @@ from protocols.procedure import ALL_AXES, axes_on_leg
 SIMULATED = "simulated"
 DEFAULT_PROFILE = "mitutoyo-01a"
 SPEC = re.compile(r"(?P<profile>[\w-]+):(?P<port>.+?)(?:@(?P<axes>[^@/\\]*))?")
-NO_WORDS = "n/a"
-"""What pyserial has for a port of which the system says nothing."""
 
 FORM = "PROFILE:PORT or PROFILE:PORT@AXES, as in mitutoyo-01a:/dev/ttyUSB0@yx"
 
@@ -107,7 +105,8 @@ def port_is_gone(port: str) -> bool:
 def serial_ports() -> list[tuple[str, str]]:
     """The serial ports of this computer and what the system says of each; nothing is opened."""
     return [
-        (port.device, "" if port.description in (None, NO_WORDS) else port.description)
+        # what pyserial has for a port of which the system says nothing
+        (port.device, "" if port.description in (None, "n/a") else port.description)
         for port in ports_here()
     ]
 

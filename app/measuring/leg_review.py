@@ -15,9 +15,6 @@ from protocols.observations import indicator_figures, to_observations
 from protocols.procedure import Step
 from protocols.session import Reading, Session
 
-LEAST_REST_MM = 0.004
-"""As far as readings differ that are stable, where no procedure says it."""
-
 
 @dataclass(frozen=True)
 class LegRow:
@@ -232,7 +229,8 @@ def _usual(
         scatter_by_source[Usual.OTHERS] = max(median(mm for mm in other_scatters if mm), rest_mm)
     if not scatter_by_source:
         procedure = session.opened.procedure
-        tolerance_mm = procedure.tolerance_mm if procedure else LEAST_REST_MM
+        # as far as readings differ that are stable, where no procedure says it
+        tolerance_mm = procedure.tolerance_mm if procedure else 0.004
         scatter_by_source[Usual.AT_REST] = max(rest_mm, tolerance_mm)
     usual = max(scatter_by_source, key=lambda source: scatter_mm / scatter_by_source[source])
     return usual, scatter_by_source[usual]

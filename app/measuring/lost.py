@@ -11,9 +11,6 @@ from app.measuring.gauges import Gauge
 from app.measuring.indicators import adapter_at, port_of
 from drivers.profile import Fault, IndicatorReading
 
-PORTS_S = 1.0
-"""While an indicator is lost the serial ports are looked at so often."""
-
 
 @dataclass(frozen=True)
 class LostNews:
@@ -41,7 +38,8 @@ class LostIndicators:
             return False
         outcomes = [gauge.live().outcome for gauge in self._gauges]
         changed = any(isinstance(o, Fault) is not (k in self.ports) for k, o in enumerate(outcomes))
-        return changed or (bool(self.ports) and time.monotonic() - self._looked_s > PORTS_S)
+        # while an indicator is lost the serial ports are looked at so often
+        return changed or (bool(self.ports) and time.monotonic() - self._looked_s > 1.0)
 
     def look(self) -> list[LostNews]:
         """What changed since the last look. It takes as long as to list the ports."""

@@ -29,12 +29,6 @@ from protocols.procedure import Step
 from protocols.record import read_record
 from protocols.session import Opened
 
-HURRIED = Patience(silence_s=3.0, dead_s=0.0)
-"""Of a simulated machine in compressed time, which nobody attends."""
-
-SIMULATED_WINDOW_S = 0.4
-"""How long simulated readings must stand still; real ones as the procedure says."""
-
 
 def open_indicators(plan: Plan) -> Indicators:
     """Open every port, all or none. Raises UsageError before, IndicatorError at a port."""
@@ -46,7 +40,8 @@ def open_indicators(plan: Plan) -> Indicators:
         if plan.simulated:
             bench = SelfMovingBench(plan) if plan.by_itself else SimulatedBench(plan)
             undo.callback(bench.close)
-            ports, interval_s, window_s = bench.ports, plan.interval_s, SIMULATED_WINDOW_S
+            # how long simulated readings must stand still; real ones as the procedure says
+            ports, interval_s, window_s = bench.ports, plan.interval_s, 0.4
         if isinstance(bench, SelfMovingBench):
             address = bench.controller.endpoint
         gauges = tuple(
@@ -66,7 +61,8 @@ def open_indicators(plan: Plan) -> Indicators:
         mover = None
         if address is not None:  # an empty name is refused, or a person would have to move
             hurried = plan.bench.motion_s == 0.0 and bench is not None
-            patience = HURRIED if hurried else STRICT
+            # of a simulated machine in compressed time, which nobody attends
+            patience = Patience(silence_s=3.0, dead_s=0.0) if hurried else STRICT
             proves: Proves = "never" if plan.simulated else "anew" if plan.prove else "once"
             wanted_set_up = plan.procedure, plan.machine, plan.instruments
             mover = open_mover(address, *wanted_set_up, gauges, patience, proves)

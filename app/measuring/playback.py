@@ -37,8 +37,6 @@ BREAK_S = 2.0
 SHORTEST_S = 1.0
 """Play time between moments that were recorded at once, so that each can be read."""
 
-AT_ONCE_S = 0.5
-"""Readings closer than this on the average were written by a program, not measured."""
 
 EVEN_S = 2.0
 """Play time between the readings of a record that knows no times."""
@@ -116,7 +114,8 @@ def _apart(groups: Sequence[Sequence[Event]], times_s: Sequence[float | None]) -
     known_s = [time_s for time_s in of_readings if time_s is not None]
     if len(known_s) < max(len(of_readings), 2):
         return False
-    return (known_s[-1] - known_s[0]) / (len(known_s) - 1) >= AT_ONCE_S
+    # readings closer than this on the average were written by a program, not measured
+    return (known_s[-1] - known_s[0]) / (len(known_s) - 1) >= 0.5
 
 
 def _play_gap_s(group: Sequence[Event], at_s: float | None, last_s: float | None) -> float:

@@ -210,7 +210,7 @@ class ProfileTrial:
             )
         except IndicatorError as problem:
             return [refused(port, problem)]
-        self.fitting = [fit.profile for fit in trials.fits]
+        self.fitting = [profile for profile, _ in trials.fits]
         return findings_of(trials) if self.fitting or not stopped() else []
 
     def best(self, name: object) -> str:

@@ -31,8 +31,6 @@ FEED_MM_MIN = 120.0
 WAYS_MM = (5.0, -5.0, 2.0, -2.0, 1.0, -1.0)
 """The first of these that limits and indicators allow."""
 
-OF_TRAVEL = 0.4
-"""An indicator goes no further than this part of its travel: it stands about the middle."""
 
 SEEN = 0.1
 """An indicator tells the scale of a move where it is known better than to this part."""
@@ -157,7 +155,8 @@ class Proof:
 
     def _within_travel(self, number: int, change: Change) -> bool:
         travel_mm = self._instruments[number].travel_mm
-        return travel_mm is None or abs(change.nominal_mm) <= OF_TRAVEL * travel_mm
+        # an indicator goes no further than this part of its travel: it stands about the middle
+        return travel_mm is None or abs(change.nominal_mm) <= 0.4 * travel_mm
 
     def begin(self, move: ProofMove, shown_mm: tuple[float, ...]) -> None:
         """The move is consented to; the indicators rest and show this."""

@@ -129,17 +129,12 @@ class GuidedSession:
     def follow_proof(self) -> None:
         """Go on with a proof of the machine that is under way; what it finds is noted."""
         if self.mover is not None:
-            self._note_all(self.mover.watch())
+            self.note(*self.mover.watch())
 
     def answer_proof(self, *, yes: bool) -> None:
         """What the operator saw of a carriage that indicators cannot tell."""
         if self.mover is not None:
-            self._note_all(self.mover.answer_proof(yes=yes))
-
-    def _note_all(self, news: Sequence[str]) -> None:
-        if news:
-            with self._lock:
-                self._append([Noted(text=text) for text in news])
+            self.note(*self.mover.answer_proof(yes=yes))
 
     def take(self) -> TakenStep | None:
         """Read every indicator of the present step and write the readings to the disk.
@@ -425,10 +420,11 @@ class GuidedSession:
         adapter_words = f", adapter {adapter}" if adapter else ""
         self.note(f"{former_name} goes on at {port}{adapter_words}")
 
-    def note(self, text: str) -> None:
-        """A remark for the record."""
-        with self._lock:
-            self._append([Noted(text=text)])
+    def note(self, *texts: str) -> None:
+        """Remarks for the record."""
+        if texts:
+            with self._lock:
+                self._append([Noted(text=text) for text in texts])
 
     def finish(self) -> None:
         """Close the record: complete if every step is done. Raises RecordError."""
@@ -492,24 +488,17 @@ class GuidedSession:
         moved: Moved | None,
     ) -> tuple[Reading, ...]:
         opened = self.session.opened
-        plate = opened.procedure.plate if opened.procedure else None
         time_s = round(self.clock.time_s(), 3)
         first = len(self.session.all_readings) + 1
         return tuple(
-            Reading(
+            Reading.of_step(
+                step,
+                axis,
+                opened.procedure,
                 reading=first + offset,
-                step=step.number,
-                leg=step.leg,
-                axis=axis,
-                displacement_mm=step.displacement_mm,
-                position_mm=step.position_mm,
-                lift_mm=plate.lift_mm or None if plate else None,
                 value_mm=outcome.value_mm,
                 text=outcome.text,
-                cycle=step.cycle,
                 mount=mounts[axis],
-                station=step.station,
-                over_plane=step.over_plane or None,
                 moved=moved,
                 time_s=time_s,
                 temperature_c=opened.temperature_c,

@@ -211,20 +211,14 @@ def _blank_readings(
     """Every reading of the procedure, its value still zero."""
     visits = [(step, axis) for step in procedure.steps(machine.geometry()) for axis in step.axes]
     return tuple(
-        Reading(
+        Reading.of_step(
+            step,
+            axis,
+            procedure,
             reading=number,
-            step=step.number,
-            leg=step.leg,
-            axis=axis,
-            displacement_mm=step.displacement_mm,
-            position_mm=step.position_mm,
-            lift_mm=procedure.plate.lift_mm or None if procedure.plate else None,
             value_mm=0.0,
             text="0",
-            cycle=step.cycle,
             mount=default_mount(step.leg, axis, step.place[1]),
-            station=step.station,
-            over_plane=step.over_plane or None,
             time_s=step.number * procedure.seconds_per_step,
             resolution_mm=resolution_mm or None,
         )
@@ -267,9 +261,12 @@ def short_travels(
     return short
 
 
-def planned_readings(procedure: Procedure, machine: Machine) -> Observations:
-    """Every reading of the procedure in order, its value without meaning."""
-    nominal = simulated_session(
-        procedure, machine, Model(machine.geometry()), seed=0, scatter_mm=0.0, resolution_mm=0.0
+def planned_readings(
+    procedure: Procedure, machine: Machine, truth: Model | None = None
+) -> Observations:
+    """Every reading of the procedure in order, as the ``truth`` gives it, None: the nominal one."""
+    model = truth or Model(machine.geometry())
+    planned = simulated_session(
+        procedure, machine, model, seed=0, scatter_mm=0.0, resolution_mm=0.0
     )
-    return to_observations([nominal])
+    return to_observations([planned])

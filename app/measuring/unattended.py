@@ -20,9 +20,6 @@ LOOK_S = 0.02
 TRIES = 3
 """So often an indicator is asked before the session ends for want of its answer."""
 
-CONSENT_S = 5.0
-"""For a consent to be taken: longer than the dead time after a stop or an arrival."""
-
 
 def lost_words(guided: GuidedSession) -> str | None:
     """Which indicator gives no value, and why; a machine that moves is then stopped."""
@@ -146,7 +143,8 @@ def _not_proved(proof: Proof) -> MotionError:
 
 
 def _consent(guided: GuidedSession, mover: Mover) -> None:
-    end_s = time.monotonic() + CONSENT_S
+    # for a consent to be taken: longer than the dead time after a stop or an arrival
+    end_s = time.monotonic() + 5.0
     while not mover.consent():  # not within the dead time after the last arrival
         if time.monotonic() > end_s:
             raise MotionError("motion", mover.why or mover.state, "a machine that is ready")

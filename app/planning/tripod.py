@@ -10,7 +10,7 @@ from typing import Annotated
 
 from app.evaluating.correction import case_of, case_of_machine
 from app.evaluating.own_effects import known_effects
-from app.measuring.simulated import planned_readings, simulated_session
+from app.measuring.simulated import planned_readings
 from calib.arrays import LEG_NAMES
 from calib.diagnosis.aliases import alias_map as compare
 from calib.diagnosis.results import AliasMap
@@ -32,13 +32,11 @@ from protocols.files import Contents, unused_path
 from protocols.machine import Frame, Instrument, Machine, load_machine
 from protocols.model_file import free_effects, read_model, read_model_file
 from protocols.motion import seconds_per_step
-from protocols.observations import to_observations, worst_stated
+from protocols.observations import worst_stated
 from protocols.procedure import Procedure, procedure_on
 from protocols.session import Session
 
 LARGEST_NOISE_MM = 10.0
-PROTOTYPE_NOISE_MM = 0.02
-"""Repeatability of the papers' indicators; serves where nothing is stated."""
 
 
 def stated_noise(machine: Machine, noise_mm: float | None) -> tuple[Noise, str]:
@@ -50,7 +48,8 @@ def stated_noise(machine: Machine, noise_mm: float | None) -> tuple[Noise, str]:
     if noise_mm is None:
         figures, noise_source = worst_stated(machine.indicator), "of the machine file's indicators"
         if figures.noise() is None:
-            figures = IndicatorFigures(repeatability_mm=PROTOTYPE_NOISE_MM)
+            # repeatability of the papers' indicators; serves where nothing is stated
+            figures = IndicatorFigures(repeatability_mm=0.02)
             noise_source = "that of the papers' indicators"
     noise = figures.noise(2)
     if noise is None:  # so little that it is arithmetic
@@ -332,10 +331,6 @@ def _machine_and_model(
     return machine, model or Model(machine.geometry())
 
 
-TYPICAL_MM = (1.0, -0.8, 0.6, 0.03, -0.02, 0.01)
-"""Some machine that is not perfect: effects that scale readings need readings to scale."""
-
-
 def alias_map(
     procedure: str | None, effects: Sequence[Effect], machine_name: str | None = None
 ) -> AliasMap:
@@ -344,13 +339,7 @@ def alias_map(
     Raises UsageError, RecordError.
     """
     machine = load_machine(machine_name)
-    model = Model(machine.geometry(), TYPICAL_MM)
-    planned = simulated_session(
-        procedure_on(machine, procedure),
-        machine,
-        model,
-        seed=1,
-        scatter_mm=0.0,
-        resolution_mm=0.0,
-    )
-    return compare(model, to_observations([planned]), effects)
+    # some machine that is not perfect: effects that scale readings need readings to scale
+    model = Model(machine.geometry(), (1.0, -0.8, 0.6, 0.03, -0.02, 0.01))
+    planned = planned_readings(procedure_on(machine, procedure), machine, model)
+    return compare(model, planned, effects)

@@ -18,8 +18,6 @@ from app.screens.pages import last_lines, signalled
 from app.screens.session_view import Gauges
 from calib.errors import GlidecalError
 
-LIVE_S = 0.2
-
 
 class AlignScreen(Corrections):
     """One screw after the other; what it has moved by and what is to go, while it is turned."""
@@ -63,7 +61,7 @@ class AlignScreen(Corrections):
             self.round = Round(self.guided, aligned)
             self.say(texts.round_begins_text(aligned))
             self.action_choose(0)
-        self.set_interval(LIVE_S, self._show)
+        self.set_interval(0.2, self._show)
         self._show()
 
     def proceed(self) -> None:

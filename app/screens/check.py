@@ -22,8 +22,6 @@ from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, is_left
 from app.screens.session_view import Gauges
 
-REFRESH_S = 0.1
-
 
 class CheckScreen(MainScreen[None]):
     """Live readings before the record begins."""
@@ -73,7 +71,7 @@ class CheckScreen(MainScreen[None]):
             self._say(motion.opened_text(self._check.plan, indicators.mover))
             with self.app.complaining():
                 self._check.find_spindles()
-            self.set_interval(REFRESH_S, self._show_live)
+            self.set_interval(0.1, self._show_live)
 
     def _say(self, text: str, where: str = "#words") -> None:
         """Show a text in the words, or in ``#trial`` above the panels: nothing lies over them."""

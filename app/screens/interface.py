@@ -240,8 +240,6 @@ PLAIN = ("textual-dark", "textual-light")
 """Themes that are listed first."""
 
 LEAST_SIZE = Size(80, 24)
-TALL = 30
-"""Rows from which panels have room for more than their digits."""
 
 
 class PrintableRows(LineFilter):
@@ -292,7 +290,8 @@ class Glidecal(App[str]):
     ) -> None:
         super().__init__()
         self.HORIZONTAL_BREAKPOINTS = [(WIDE, "wide")]  # a class of every screen so wide
-        self.VERTICAL_BREAKPOINTS = [(TALL, "tall")]
+        # rows from which panels have room for more than their digits
+        self.VERTICAL_BREAKPOINTS = [(30, "tall")]
         self._first = first
         self.read_only = read_only
         self.looks = looks

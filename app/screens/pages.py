@@ -59,10 +59,6 @@ async def apart(
             raise asyncio.CancelledError
 
 
-SHOWN_S = 15.0
-"""So long a message stays above the keys."""
-
-
 class Message(Static):
     """What happened last, for a while: a line that lies over nothing."""
 
@@ -78,7 +74,8 @@ class Message(Static):
             self._fading.stop()
         self.update(text)
         self.display = bool(text)
-        self._fading = self.set_timer(SHOWN_S, partial(self.tell, "")) if text else None
+        # so long a message stays above the keys
+        self._fading = self.set_timer(15.0, partial(self.tell, "")) if text else None
 
 
 class Resting(Widget):

@@ -47,9 +47,6 @@ STRIP_S, RESTING_STRIP_S = 1.0, 2.0
 """The strip chart is drawn at most so often, while the reading moves and while it rests: drawing
 it costs more than the digits."""
 
-CHART_S = 0.06
-"""The chart is half of a step's picture; it comes later, so that readings need not wait for it."""
-
 
 @lru_cache(maxsize=64)
 def big_digits(number: str) -> tuple[str, ...]:
@@ -212,7 +209,9 @@ class SessionView(Vertical, Resting):
         text = self.app.keyed(texts.step_text(step, session, by))
         self.query_one("#step", Words).update(text, layout=False)
         self.query_one("#table", Words).fill(partial(texts.so_far_text, session, steps, step))
-        self.set_timer(CHART_S, partial(self._show_chart, session, step))
+        # the chart is half of a step's picture; it comes later, so that readings need not wait for
+        # it
+        self.set_timer(0.06, partial(self._show_chart, session, step))
         self.gauges.name_them(self._instruments, step)
 
     def _show_chart(self, session: Session, step: Step) -> None:
@@ -292,10 +291,6 @@ class SetUpScreen(Dialog[None]):
             yield Static(self.app.keyed("{set-up.back} goes back."), markup=False)
 
 
-UNATTENDED_S = 1.0
-"""How long an unattended demonstration shows the review."""
-
-
 class LegReviewScreen(Dialog[bool]):
     """Look, then go on to the next leg; dismissed with whether the session shall be on hold."""
 
@@ -332,7 +327,8 @@ class LegReviewScreen(Dialog[bool]):
         self.set_class(self.app.size.width >= WIDE, "wide")  # before the first picture, not after
         self.call_after_refresh(self._draw_chart)  # a chart takes long; the words come first
         if self._unattended:
-            self.set_timer(UNATTENDED_S, self._go_on)
+            # how long an unattended demonstration shows the review
+            self.set_timer(1.0, self._go_on)
 
     def _draw_chart(self) -> None:
         self.query_one(ChartPlot).show(readings_by_posture(self._session, self._step))

@@ -35,11 +35,7 @@ from calib.errors import UsageError
 from protocols.files import reason_of
 
 HOST = "127.0.0.1"
-CLOSING_S = 3.0
-"""How long tabs may take to close when the server ends."""
 
-ENDING_S = 2.0
-"""How long the process of a tab may take to end by itself."""
 
 MOST_TABS = 8
 """Each is a process of about 90 MB."""
@@ -103,7 +99,8 @@ class Pages(Server):
             print=None,
             access_log=None,
             handler_cancellation=True,  # a page that is gone takes its tab with it
-            shutdown_timeout=CLOSING_S,
+            # how long tabs may take to close when the server ends
+            shutdown_timeout=3.0,
         )
 
     async def _make_app(self) -> web.Application:
@@ -219,7 +216,8 @@ class Tab(AppService):
         """End the process: politely, then by force."""
         try:
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(ENDING_S):
+                # how long the process of a tab may take to end by itself
+                async with asyncio.timeout(2.0):
                     await super().stop()
         finally:
             if self._process is not None and self._process.returncode is None:

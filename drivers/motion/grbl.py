@@ -52,8 +52,6 @@ SETTING = re.compile(r"\$(\d+)=([-+.\d]+)", re.ASCII)
 VERSION = re.compile(r"\[VER:1\.1\w?\.", re.ASCII)
 ERROR_WORDS = {"9": "locked, as after an alarm", "15": "beyond its soft limits", "22": "no feed"}
 MOVING = ("Jog", "Run", "Home")
-ANSWERS_LINES = ("Idle", "Jog", "Alarm")
-"""In a hold a line waits for its end."""
 SUPERVISED = ("Ov", "WCO", "H")
 
 
@@ -323,7 +321,8 @@ class Grbl(Controller):
 
         Reports of earlier questions, asked twice or given up, are late: they come before "ok".
         """
-        if self._under_way and self.state in ANSWERS_LINES:
+        # in a hold a line waits for its end
+        if self._under_way and self.state in ("Idle", "Jog", "Alarm"):
             self._done("")
         deadline = Deadline(self.answer_s)
         while True:

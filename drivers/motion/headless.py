@@ -33,11 +33,7 @@ TWIN_ADVICE = "--controller twin shows the same without it."
 LOCK = Path("/tmp/linuxcnc.lock")
 PROCESSES = ("linuxcncsvr", "milltask", "rtapi_app")
 START_S, END_S = 30.0, 15.0
-MOTOR_LOOK_S = 0.005
-"""Motors are looked at so often: a machine that comes from below is below for longer."""
 
-LOG_LETTERS = 250
-"""Characters of its log in a sentence."""
 
 ROOM_MM = 20.0
 """Of the joint limits beyond the box: the switches stand there."""
@@ -167,7 +163,8 @@ class Motors:
 
     def _follow(self) -> None:
         last = self._mounted
-        while not self._ends.wait(MOTOR_LOOK_S):
+        # motors are looked at so often: a machine that comes from below is below for longer
+        while not self._ends.wait(0.005):
             if (now := self.at_mm) != last:
                 self._passed.append(now)
                 last = now
@@ -278,7 +275,8 @@ class HeadlessLinuxCnc:
     def _log_end(self) -> str:
         """The last that it said, without the names of its logs: they are removed with it."""
         log = (self._folder / "log").read_text(encoding="utf-8", errors="replace")
-        return " ".join(log.partition("LinuxCNC terminated")[0].split())[-LOG_LETTERS:]
+        # characters of its log in a sentence
+        return " ".join(log.partition("LinuxCNC terminated")[0].split())[-250:]
 
     def close(self) -> None:
         """End it and remove its files."""

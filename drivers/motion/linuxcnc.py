@@ -88,8 +88,6 @@ SUPERVISED = ("mode", "joint_homed", "joint_fault", "joint_limit", "feed_overrid
 
 LOOK = ("error", "enable", "estop", "machine", *SUPERVISED)
 PLACES = ("program_status", "abs_act_pos", "abs_cmd_pos", "rel_cmd_pos")
-TAIL_S = 0.01
-"""It tells IDLE some milliseconds before the last micrometres of a move."""
 
 
 class LinuxCnc(Controller):
@@ -292,7 +290,8 @@ class LinuxCnc(Controller):
         """A look when the last micrometres are gone, too."""
         deadline, earlier = Deadline(self.answer_s), self.look()
         while True:
-            time.sleep(TAIL_S)
+            # it tells IDLE some milliseconds before the last micrometres of a move
+            time.sleep(0.01)
             snapshot = self.look()
             still = math.dist(earlier.place_mm, snapshot.place_mm) <= STILL_MM
             if (still and "offset" in snapshot.states) or deadline.over:

@@ -20,7 +20,7 @@ from calib.errors import RecordError, UnreachablePosture
 from calib.tripod import UPRIGHT_TOWERS
 from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.distance_table import MeasuredDistance
-from protocols.documents import MOST_EDITED_BYTES, Triple
+from protocols.documents import MOST_EDITED_BYTES, Triple, triple
 from protocols.printers.gcode import NUMBER_END, Texts, read_printed
 from protocols.printers.tower_printer import (
     OFF_PLATE_MM,
@@ -40,7 +40,6 @@ PROBES = ("probe", "bltouch", "smart_effector", "probe_eddy_current", "load_cell
 
 MOST_HEIGHTS = 999
 MOST_INCLUDES = 200
-FULL_STEPS = 200
 DECIMALS = 9
 """Decimals of a place in mm, so that one that is at 0 is shown there."""
 
@@ -236,27 +235,27 @@ def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Triple]:
     ]
     turns = [_turn_mm(config, name) for name in STEPPERS]
     microsteps = [
-        config.number(name, "full_steps_per_rotation", FULL_STEPS, above=0.0)
+        config.number(name, "full_steps_per_rotation", 200, above=0.0)
         * config.number(name, "microsteps", above=0.0)
         for name in STEPPERS
     ]
     steps = [turn / count for turn, count in zip(turns, microsteps, strict=True)]
-    a, b, c = (config.number(name, "rotation_distance", above=0.0) for name in STEPPERS)
+    distances = (config.number(name, "rotation_distance", above=0.0) for name in STEPPERS)
     has_radius = config.text("printer", "print_radius") is not None
     printable = config.number("printer", "print_radius", above=0.0) if has_radius else None
     printer = TowerPrinter(
         f"{SUBJECT} {path}",
         path.stem,
-        (arms[0], arms[1], arms[2]),
+        triple(arms),
         (radius, radius, radius),
-        (stops[0], stops[1], stops[2]),
-        (angles[0], angles[1], angles[2]),
+        triple(stops),
+        triple(angles),
         printable,
         turns[0] if len(set(turns)) == 1 else None,
-        (a, b, c),
-        (1.0 / steps[0], 1.0 / steps[1], 1.0 / steps[2]),
+        triple(distances),
+        triple(1.0 / step for step in steps),
     )
-    return printer, (steps[0], steps[1], steps[2])
+    return printer, triple(steps)
 
 
 def _turn_mm(config: Config, stepper: str) -> float:
@@ -386,8 +385,7 @@ def _probe_offset_mm(config: Config) -> Triple:
     """Where the probe trips from the tool, as the section of the probe that there is has it."""
     sections = (name for name in config.parser.sections() if name.split()[0] in PROBES)
     section = next(sections, PROBES[0])
-    x, y, z = (config.number(section, f"{axis}_offset", 0.0) for axis in "xyz")
-    return x, y, z
+    return triple(config.number(section, f"{axis}_offset", 0.0) for axis in "xyz")
 
 
 def _probed(text: str, offset_mm: Triple, name: str) -> tuple[list[Contact], list[str]]:

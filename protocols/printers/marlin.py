@@ -16,11 +16,11 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from operator import itemgetter
+from operator import add, itemgetter
 
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
-from protocols.documents import Triple
+from protocols.documents import Triple, triple
 from protocols.printers.gcode import NUMBER, NUMBER_END, PREFIX, Texts, commands, lines, motor_steps
 from protocols.printers.tower_printer import Contact, FileContent, Pair, TowerPrinter
 
@@ -220,14 +220,12 @@ def _printer(texts: Texts, oddities: list[str]) -> TowerPrinter | None:
     trimmed = {"A", "C"} <= parameters.keys()  # older programs show another value as B
     arms = [parameters["L"] + (parameters.get(trim, 0.0) if trimmed else 0.0) for trim in TRIMS]
     turned = (parameters.get(tower, 0.0) for tower in TOWERS)
-    a, b, c = (usual + turn for usual, turn in zip(USUAL_ANGLES_DEG, turned, strict=True))
-    x, y, z = (parameters["H"] - adjusted[tower] for tower in TOWERS)
     return TowerPrinter(
         f"file of a printer, {first}",
         texts[0][0].stem,
-        (arms[0], arms[1], arms[2]),
+        triple(arms),
         (parameters["R"],) * 3,
-        (x, y, z),
-        (a, b, c),
+        triple(parameters["H"] - adjusted[tower] for tower in TOWERS),
+        triple(map(add, USUAL_ANGLES_DEG, turned)),
         steps_per_mm=motor_steps(texts),
     )

@@ -12,6 +12,7 @@ import re
 
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
+from protocols.documents import triple
 from protocols.printers.gcode import NUMBER, NUMBER_END, Texts, lines
 from protocols.printers.tower_printer import Contact, FileContent, Pair, TowerPrinter
 
@@ -75,9 +76,9 @@ def _printer(texts: Texts, stored: dict[int, float], first: str) -> TowerPrinter
     return TowerPrinter(
         f"file of a printer, {first}",
         texts[0][0].stem,
-        (rods[0], rods[1], rods[2]),
-        (radii[0], radii[1], radii[2]),
-        (stops[0], stops[1], stops[2]),
-        (angles[0], angles[1], angles[2]),
+        triple(rods),
+        triple(radii),
+        triple(stops),
+        triple(angles),
         stored.get(PRINTABLE),
     )

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from operator import add
 
 from calib.errors import RecordError
 from calib.tripod.geometry import USUAL_ANGLES_DEG
+from protocols.documents import triple
 from protocols.printers.gcode import NUMBER, CodeLine, Texts, commands, lines, motor_steps
 from protocols.printers.tower_printer import Contact, FileContent, Pair, TowerPrinter
 
@@ -181,18 +183,16 @@ def _printer(texts: Texts, answers: Answers) -> TowerPrinter | None:
             "Other printers are not calibrated here.",
         )
     # of towers without a length of their own the firmware takes the first one's
-    lengths = (*parameters["L"], *parameters["L"][:1] * 3)
+    lengths = (*parameters["L"], *parameters["L"][:1] * 3)[:3]
     (radius, *_), (height, *_) = parameters["R"], parameters["H"]
     turned = [parameters.get(tower, (0.0,))[0] for tower in TOWERS]
-    a, b, c = (usual + turn for usual, turn in zip(USUAL_ANGLES_DEG, turned, strict=True))
-    x, y, z = (height + adjusted[tower] for tower in TOWERS)
     return TowerPrinter(
         f"file of a printer, {first}",
         texts[0][0].stem,
-        (lengths[0], lengths[1], lengths[2]),
+        triple(lengths),
         (radius, radius, radius),
-        (x, y, z),
-        (a, b, c),
+        triple(height + adjusted[tower] for tower in TOWERS),
+        triple(map(add, USUAL_ANGLES_DEG, turned)),
         parameters["B"][0] if parameters.get("B") else None,
         steps_per_mm=motor_steps(texts),
     )

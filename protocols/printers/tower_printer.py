@@ -16,7 +16,7 @@ from calib.arrays import FloatArray
 from calib.errors import RecordError
 from calib.tripod.geometry import FURTHEST_DEG, USUAL_ANGLES_DEG, trilaterate
 from protocols.distance_table import MeasuredDistance
-from protocols.documents import Triple, describe
+from protocols.documents import Triple, describe, triple
 from protocols.machine import Drive, Machine
 from protocols.procedure import USUAL_PRINTABLE_MM
 
@@ -140,8 +140,7 @@ class TowerPrinter:
         # the towers stand anticlockwise, as their angles do: then the tool is below this plane
         first, second = feet[1] - feet[0], feet[2] - feet[0]
         side = -1.0 if np.cross(first, second)[2] > 0.0 else 1.0
-        x, y, z = trilaterate(feet, np.array(self.length_mm), side).tolist()
-        return x, y, z
+        return triple(trilaterate(feet, np.array(self.length_mm), side).tolist())
 
     @property
     def reach_mm(self) -> float:

@@ -173,7 +173,7 @@ def tried(twin: Twin, stream_s: float = 0.0, profiles: Sequence[Profile] = HASTY
 
 
 def names(trials: Trials) -> set[str]:
-    return {fit.profile.name for fit in trials.fits}
+    return {profile.name for profile, _ in trials.fits}
 
 
 def trial_of_twin(name: str) -> Trials:
@@ -261,7 +261,7 @@ def test_trying_on_a_line_with_speed_and_parity(name: str, monkeypatch: pytest.M
     trial = try_profiles(HASTY, "/dev/ttyUSB7", Query())
     assert name in names(trial)
     line_settings = (profile.line.baud, profile.line.parity)
-    assert {(fit.profile.line.baud, fit.profile.line.parity) for fit in trial.fits} == {
+    assert {(profile.line.baud, profile.line.parity) for profile, _ in trial.fits} == {
         line_settings
     }
     if profile.request is None:

@@ -18,6 +18,7 @@ from asyncio.subprocess import DEVNULL, PIPE
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -63,54 +64,6 @@ DECISION = "Decision: on the machine as it was found, by the tolerance in its fi
 NOT_KNOWN = "not worked out"
 LARGE = f"More than {MOST_BYTES / 1e6:.0f} MB. Write it in the terminal: glidecal report."
 UNKNOWN = "There is no such session or folder here, or no longer."
-
-PAGE = """\
-<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-{%- if again %}
-<meta http-equiv="refresh" content="1">
-{%- endif %}
-<title>{{ title }}</title>
-<style>
-body { font: 10pt/1.4 "DejaVu Sans", Verdana, sans-serif }
-body { max-width: 60em; margin: 0 auto; padding: 1em }
-pre { white-space: pre-wrap; overflow-wrap: anywhere }
-table { border-collapse: collapse }
-th, td { padding: .1em 1em .1em 0; text-align: left; vertical-align: top; overflow-wrap: anywhere }
-th { border-bottom: 1px solid #666 }
-</style>
-</head>
-<body>
-<h1>{{ title }}</h1>
-{%- if text %}
-<pre>{{ text }}</pre>
-{%- endif %}
-{%- for folder in folders %}
-<h2>{{ folder.name }}</h2>
-{%- if folder.history %}
-<p><a href="/history/{{ folder.history }}">History of this folder</a></p>
-{%- endif %}
-{%- if folder.left_out %}
-<p>The newest {{ folder.rows | length }} sessions; {{ folder.left_out }} are older.</p>
-{%- endif %}
-<table>
-<tr>{% for word in folder.columns %}<th>{{ word }}</th>{% endfor %}</tr>
-{%- for address, name, cells in folder.rows %}
-<tr><td><a href="{{ address }}">{{ name }}</a></td>
-{%- for cell in cells %}<td>{{ cell }}</td>{% endfor %}</tr>
-{%- endfor %}
-</table>
-{%- if folder.below %}
-<p>{{ folder.below }}</p>
-{%- endif %}
-{%- endfor %}
-<p><a href="/reports">Reports and history</a> · <a href="/">Replay and results</a></p>
-</body>
-</html>
-"""
 
 
 Row = tuple[str, str, tuple[str, ...]]
@@ -317,4 +270,5 @@ def _page(
 
 @cache
 def _template() -> Template:
-    return Environment(autoescape=True, undefined=StrictUndefined).from_string(PAGE)
+    page = resources.files("app.serving").joinpath("page.html").read_text(encoding="utf-8")
+    return Environment(autoescape=True, undefined=StrictUndefined).from_string(page)

@@ -20,6 +20,7 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 
 from calib.errors import MotionError, UsageError
@@ -37,74 +38,6 @@ START_S, END_S = 30.0, 15.0
 
 ROOM_MM = 20.0
 """Of the joint limits beyond the box: the switches stand there."""
-
-INI = """[EMC]
-VERSION = 1.1
-[DISPLAY]
-DISPLAY = ./display
-[TASK]
-TASK = milltask
-CYCLE_TIME = 0.001
-[RS274NGC]
-PARAMETER_FILE = sim.var
-[EMCMOT]
-EMCMOT = motmod
-SERVO_PERIOD = 1000000
-[EMCIO]
-EMCIO = io
-CYCLE_TIME = 0.1
-TOOL_TABLE = sim.tbl
-[HAL]
-HALFILE = machine.hal
-[TRAJ]
-COORDINATES = X Y Z
-LINEAR_UNITS = mm
-ANGULAR_UNITS = degree
-MAX_LINEAR_VELOCITY = 1000
-[KINS]
-KINEMATICS = trivkins coordinates=XYZ
-JOINTS = 3
-"""
-# homing ends within what it goes in one period at HOME_LATCH_VEL: 0.3 mm/s in 1 ms
-JOINT = """[AXIS_{axis}]
-MAX_VELOCITY = 1000
-MAX_ACCELERATION = 8000
-MIN_LIMIT = {low:.6f}
-MAX_LIMIT = {high:.6f}
-[JOINT_{k}]
-{include}HOME_OFFSET = {home_offset:.6f}
-HOME = {home:.6f}
-HOME_SEARCH_VEL = 60
-HOME_LATCH_VEL = 0.3
-HOME_SEQUENCE = 0
-TYPE = LINEAR
-MAX_VELOCITY = 1000
-MAX_ACCELERATION = 8000
-FERROR = 1
-MIN_FERROR = 0.1
-MIN_LIMIT = {low:.6f}
-MAX_LIMIT = {high:.6f}
-"""
-HAL = """loadrt [KINS]KINEMATICS
-loadrt [EMCMOT]EMCMOT servo_period_nsec=[EMCMOT]SERVO_PERIOD num_joints=[KINS]JOINTS
-loadrt comp count=3
-addf motion-command-handler servo-thread
-addf motion-controller servo-thread
-net estop iocontrol.0.user-enable-out iocontrol.0.emc-enable-in
-net tp iocontrol.0.tool-prepare iocontrol.0.tool-prepared
-net tc iocontrol.0.tool-change iocontrol.0.tool-changed
-"""
-WIRED = """addf comp.{k} servo-thread
-setp comp.{k}.in0 {switch:.6f}
-net motor{k} joint.{k}.motor-pos-cmd joint.{k}.motor-pos-fb comp.{k}.in1
-net switch{k} comp.{k}.out joint.{k}.home-sw-in
-"""
-DISPLAY = """#!/bin/sh
-linuxcncrsh --port {port} --connectpw {connect} --enablepw {enable} -- "$@" </dev/null &
-cat >/dev/null
-kill $!
-"""
-"""It ends, and all of LinuxCNC with it, when the program that started it does, in whatever way."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +163,8 @@ class HeadlessLinuxCnc:
         self._folder = Path(tempfile.mkdtemp(prefix="glidecal-linuxcnc-"))
         self._passwords = os.environ.get(PASSWORDS)
         os.environ[PASSWORDS] = f"{connect} {enable}"  # for the guard beside this program, too
-        display = DISPLAY.format(port=port, connect=connect, enable=enable)
+        # it ends, and all of LinuxCNC with it, when the program that started it does, whatever way
+        display = _template("display").format(port=port, connect=connect, enable=enable)
         for name, text in {**_files(joints), "display": display, "sim.tbl": ""}.items():
             (self._folder / name).write_text(text, encoding="utf-8")
         (self._folder / "display").chmod(0o700)
@@ -299,10 +233,11 @@ class HeadlessLinuxCnc:
 
 def _files(joints: SimulatedJoints) -> dict[str, str]:
     """What LinuxCNC reads, by name."""
-    ini, hal = INI, HAL
+    ini, hal = _template("machine.ini"), _template("machine.hal")
     for k, axis in enumerate("XYZ"):
         name = f"calib_joint{k}.inc"
-        ini += JOINT.format(
+        # homing ends within what it goes in one period at HOME_LATCH_VEL: 0.3 mm/s in 1 ms
+        ini += _template("joint.ini").format(
             axis=axis,
             k=k,
             include=f"#INCLUDE {name}\n" if name in joints.includes else "",
@@ -311,5 +246,10 @@ def _files(joints: SimulatedJoints) -> dict[str, str]:
             low=joints.low_mm[k] - ROOM_MM,
             high=joints.high_mm[k] + ROOM_MM,
         )
-        hal += WIRED.format(k=k, switch=joints.switch_mm)
+        hal += _template("joint.hal").format(k=k, switch=joints.switch_mm)
     return {"machine.ini": ini, "machine.hal": hal, **joints.includes}
+
+
+def _template(name: str) -> str:
+    """A file that LinuxCNC reads, with fields to be filled in."""
+    return resources.files("drivers.motion").joinpath("linuxcnc_files", name).read_text("utf-8")

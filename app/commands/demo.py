@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from app.machines.options import Machine, Protocol, Seed, say
+from app.machines.options import Machine, Protocol, Seed, option, say
 from app.machines.registry import LOOKS
 from calib.errors import CalibrationError
 
@@ -22,24 +22,22 @@ HIDDEN = "The machine has other errors than offsets. To look for them: glidecal 
 
 def demo(
     headless: Annotated[
-        bool, typer.Option("--headless", help="Run unattended and end with the summary.")
+        bool, option("Run unattended and end with the summary.", "--headless")
     ] = False,
     seed: Seed = 1,
     protocol: Protocol = None,
     machine: Machine = None,
     profile: Annotated[
-        list[str] | None, typer.Option(help="Profile of the simulated indicators; once or twice.")
+        list[str] | None, option("Profile of the simulated indicators; once or twice.")
     ] = None,
     effect: Annotated[
         str | None,
-        typer.Option(help="Hide an effect in the machine, by its id; diagnose looks for it."),
+        option("Hide an effect in the machine, by its id; diagnose looks for it."),
     ] = None,
-    folder: Annotated[Path, typer.Option(help="Where the sessions are written.")] = Path(
-        "demo-sessions"
-    ),
+    folder: Annotated[Path, option("Where the sessions are written.")] = Path("demo-sessions"),
     controller: Annotated[
         Literal["twin", "linuxcnc"] | None,
-        typer.Option(help="The machine moves itself: by a simulated controller, or LinuxCNC here."),
+        option("The machine moves itself: by a simulated controller, or LinuxCNC here."),
     ] = None,
 ) -> None:
     """A whole calibration on a simulated machine. It is measured again after the export."""

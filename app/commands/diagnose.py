@@ -17,6 +17,7 @@ from app.machines.options import (
     file,
     machine_option,
     may_replace,
+    option,
     say,
     working,
 )
@@ -58,9 +59,7 @@ def diagnose(
     adopt: Annotated[Path | None, file("Write the model with the named effects added.")] = None,
     candidate: Annotated[
         str | None,
-        typer.Option(
-            help="Adopt this candidate, ID or ID:WHERE, instead; empirical: the unnamed effect."
-        ),
+        option("Adopt this candidate, ID or ID:WHERE, instead; empirical: the unnamed effect."),
     ] = None,
     correct: Annotated[
         Path | None, file("Write a copy of the session with the named mistakes corrected.")
@@ -70,10 +69,10 @@ def diagnose(
         Path | None, file("Write the next measurement as a procedure.", "--next")
     ] = None,
     aliases: Annotated[
-        bool, typer.Option("--aliases", help="Effects that --procedure cannot separate; no data.")
+        bool, option("Effects that --procedure cannot separate; no data.", "--aliases")
     ] = False,
     procedure: Annotated[
-        str | None, typer.Option(help="Procedure for --aliases.", show_default="the machine's")
+        str | None, option("Procedure for --aliases.", show_default="the machine's")
     ] = None,
     machine: Annotated[
         str | None,
@@ -170,8 +169,8 @@ def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> No
 
 def model(
     path: Annotated[Path, argument("Model file.")],
-    remove: Annotated[str | None, typer.Option(help="Remove an effect: ID or ID:WHERE.")] = None,
-    why: Annotated[str, typer.Option(help="The reason, for the history.")] = "",
+    remove: Annotated[str | None, option("Remove an effect: ID or ID:WHERE.")] = None,
+    why: Annotated[str, option("The reason, for the history.")] = "",
     as_json: AsJson = False,
 ) -> None:
     """Parameters, effects and history of a model. Effects can be removed again."""

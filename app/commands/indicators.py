@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.machines.options import AsJson, Channel, Machine, Seed, figure, number, say
+from app.machines.options import AsJson, Channel, Machine, Seed, figure, number, option, say
 from calib.errors import IndicatorError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -21,8 +21,8 @@ if TYPE_CHECKING:  # heavy: imported where used
 
 indicator_verbs = typer.Typer(help="One indicator outside any session.", no_args_is_help=True)
 
-ProfileName = Annotated[str, typer.Option(help="Indicator profile.")]
-Unit = Annotated[str, typer.Option(help="Unit of the display: mm, inch or µm.")]
+ProfileName = Annotated[str, option("Indicator profile.")]
+Unit = Annotated[str, option("Unit of the display: mm, inch or µm.")]
 PortName = Annotated[str, typer.Argument(help="Port of the indicator.", show_default=False)]
 
 
@@ -30,7 +30,7 @@ PortName = Annotated[str, typer.Argument(help="Port of the indicator.", show_def
 def read(
     port: PortName,
     profile: ProfileName = "mitutoyo-01a",
-    watch: Annotated[bool, typer.Option("--watch", help="Continue until Ctrl-C.")] = False,
+    watch: Annotated[bool, option("Continue until Ctrl-C.", "--watch")] = False,
     unit: Unit = "mm",
     channel: Channel = 1,
     as_json: AsJson = False,
@@ -69,7 +69,7 @@ def doctor(
     port: PortName,
     profile: Annotated[
         str | None,
-        typer.Option(help="Indicator profile.", show_default="every profile is tried on the port"),
+        option("Indicator profile.", show_default="every profile is tried on the port"),
     ] = None,
     unit: Unit = "mm",
     channel: Channel = 1,
@@ -119,16 +119,16 @@ def ports(as_json: AsJson = False) -> None:
 
 def simulate_indicator(
     profile: Annotated[str, typer.Argument(help="Indicator profile.", show_default=False)],
-    fault: Annotated[str | None, typer.Option(help="A fault to show; 'list' names them.")] = None,
+    fault: Annotated[str | None, option("A fault to show; 'list' names them.")] = None,
     tcp: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="Listen on this loopback TCP port; 0: any.")
+        int | None, option("Listen on this loopback TCP port; 0: any.", min=0, max=65535)
     ] = None,
     resolution: Annotated[float, figure("Step of the display, mm.")] = 0.001,
     channel: Channel = 1,
     seconds: Annotated[float | None, number("Stop after this time.", 0.0, 1e6)] = None,
     protocol: Annotated[
         str | None,
-        typer.Option(help="Rehearse: two indicators on a machine that follows this procedure."),
+        option("Rehearse: two indicators on a machine that follows this procedure."),
     ] = None,
     machine: Machine = None,
     seed: Seed = 1,

@@ -30,6 +30,7 @@ from app.machines.options import (
     machine_option,
     may_replace,
     number,
+    option,
     say,
 )
 from app.machines.registry import (
@@ -68,42 +69,40 @@ def run(
     machine: Annotated[str | None, machine_option(LISTED)] = None,
     indicator: Annotated[
         list[str] | None,
-        typer.Option(help="PROFILE:PORT or PROFILE:PORT@AXES; twice for two indicators."),
+        option("PROFILE:PORT or PROFILE:PORT@AXES; twice for two indicators."),
     ] = None,
     port: Annotated[
-        list[str] | None, typer.Option(help="Port of an indicator of --profile; once or twice.")
+        list[str] | None, option("Port of an indicator of --profile; once or twice.")
     ] = None,
     simulated: Annotated[
-        bool, typer.Option("--simulated", help="A simulated machine instead of ports.")
+        bool, option("A simulated machine instead of ports.", "--simulated")
     ] = False,
-    profile: Annotated[str, typer.Option(help="Indicator profile.")] = "mitutoyo-01a",
+    profile: Annotated[str, option("Indicator profile.")] = "mitutoyo-01a",
     output: SessionFile = None,
-    operator: Annotated[str, typer.Option(help="Name for the record.")] = "",
+    operator: Annotated[str, option("Name for the record.")] = "",
     temperature: Annotated[float | None, number("Machine temperature, °C.", -50.0, 100.0)] = None,
-    note: Annotated[str, typer.Option(help="Remark for the record, shown with the result.")] = "",
+    note: Annotated[str, option("Remark for the record, shown with the result.")] = "",
     seed: Seed = 1,
     random_order: Annotated[
         int | None,
-        typer.Option(help="Shuffle each cycle with this seed, where the order is free.", min=0),
+        option("Shuffle each cycle with this seed, where the order is free.", min=0),
     ] = None,
     resume: Resume = None,
     headless: Annotated[
         bool,
-        typer.Option(
+        option(
+            "No screen: a simulated machine, or with --motion questions in the terminal.",
             "--headless",
-            help="No screen: a simulated machine, or with --motion questions in the terminal.",
         ),
     ] = False,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Show every step; open and write nothing.")
+        bool, option("Show every step; open and write nothing.", "--dry-run")
     ] = False,
     motion: Annotated[
         str | None,
-        typer.Option(help="Controller that moves the machine: linuxcnc:HOST:PORT or grbl:PORT."),
+        option("Controller that moves the machine: linuxcnc:HOST:PORT or grbl:PORT."),
     ] = None,
-    prove: Annotated[
-        bool, typer.Option("--prove", help="Prove each carriage again by a short move.")
-    ] = False,
+    prove: Annotated[bool, option("Prove each carriage again by a short move.", "--prove")] = False,
     until: Annotated[
         float | None, figure("Repeat set-ups until the bound of the tool error is this, mm.")
     ] = None,
@@ -391,15 +390,15 @@ def align(
     session: Annotated[Path | None, argument("A measured session; none: measure one.")] = None,
     reference: Annotated[
         str | None,
-        typer.Option(help="The rail that stays: x, y or z; else as before, or x.", metavar="RAIL"),
+        option("The rail that stays: x, y or z; else as before, or x.", metavar="RAIL"),
     ] = None,
     protocol: Protocol = "align",
     machine: Machine = None,
     indicator: Annotated[
-        list[str] | None, typer.Option(help="PROFILE:PORT or PROFILE:PORT@AXES; once or twice.")
+        list[str] | None, option("PROFILE:PORT or PROFILE:PORT@AXES; once or twice.")
     ] = None,
     simulated: Annotated[
-        bool, typer.Option("--simulated", help="A simulated machine whose rails are off.")
+        bool, option("A simulated machine whose rails are off.", "--simulated")
     ] = False,
     output: SessionFile = None,
     seed: Seed = 1,

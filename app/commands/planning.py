@@ -22,6 +22,7 @@ from app.machines.options import (
     machine_file_of,
     may_deliver,
     number,
+    option,
     say,
 )
 from app.machines.registry import (
@@ -66,7 +67,7 @@ def identifiability(
     machine: MachineName,
     procedure: Annotated[
         str | None,
-        typer.Option(help="Procedure by name, or a .toml file; none with --measured."),
+        option("Procedure by name, or a .toml file; none with --measured."),
     ] = None,
     machine_file: MachineFile = None,
     as_json: AsJson = False,
@@ -88,12 +89,8 @@ def identifiability(
 def postures(
     context: typer.Context,
     machine: MachineName,
-    procedure: Annotated[
-        str, typer.Option(help="Procedure by name, or a .toml file.", show_default=False)
-    ],
-    count: Annotated[
-        int | None, typer.Option(help="Number of postures; a --posture-file gives it.")
-    ] = None,
+    procedure: Annotated[str, option("Procedure by name, or a .toml file.", show_default=False)],
+    count: Annotated[int | None, option("Number of postures; a --posture-file gives it.")] = None,
     machine_file: MachineFile = None,
     criterion: Annotated[
         Literal[
@@ -105,15 +102,15 @@ def postures(
             "tool-variance",
         ]
         | None,
-        typer.Option(
-            metavar="CRITERION",
-            help="Criterion: determinant, average-variance, smallest-singular-value, "
+        option(
+            "Criterion: determinant, average-variance, smallest-singular-value, "
             "condition, noise-amplification or tool-variance.",
+            metavar="CRITERION",
             show_default=CRITERIA,
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the starts.")] = 0,
-    starts: Annotated[int, typer.Option(min=1, max=10_000, help="Random starts.")] = 8,
+    seed: Annotated[int, option("Seed of the starts.", min=0)] = 0,
+    starts: Annotated[int, option("Random starts.", min=1, max=10_000)] = 8,
     output: Annotated[
         Path | None, file(f"File to write: {POSTURE_FILES}.", "--output", "-o")
     ] = None,
@@ -159,9 +156,9 @@ def workspace(
     ] = 2.0,
     at: Annotated[
         Place | None,
-        typer.Option(
+        option(
+            "One place of the tool, mm from Zero.",
             metavar="X Y Z",
-            help="One place of the tool, mm from Zero.",
             min=-1e5,
             max=1e5,
             callback=finite_place,

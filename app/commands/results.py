@@ -28,6 +28,7 @@ from app.machines.options import (
     may_deliver,
     may_replace,
     number,
+    option,
     say,
     working,
 )
@@ -59,7 +60,7 @@ def solve(
     context: typer.Context,
     sessions: Sessions,
     machine: Annotated[
-        str | None, typer.Option(help=f"{', '.join(NAMES_OF_FILES)}; default: by the file.")
+        str | None, option(f"{', '.join(NAMES_OF_FILES)}; default: by the file.")
     ] = None,
     as_json: AsJson = False,
     **own: Any,  # noqa: ANN401 (what the machines add)
@@ -153,24 +154,24 @@ def export(
             "xlsx",
             "parquet",
         ],
-        typer.Option(
-            "--format",
-            metavar="NAME",
-            help="json, csv, model, linuxcnc, linuxcnc-kins, lineardeltakins, klipper, "
+        option(
+            "json, csv, model, linuxcnc, linuxcnc-kins, lineardeltakins, klipper, "
             "reprapfirmware, marlin, smoothieware, p-3z; of postures ros2; tables: csv, xlsx, "
             "parquet.",
+            "--format",
+            metavar="NAME",
         ),
     ],
     table: Annotated[
         Literal["readings", "differences", "residuals"] | None,
-        typer.Option(
-            help="A table instead: readings (what import reads), differences or residuals.",
+        option(
+            "A table instead: readings (what import reads), differences or residuals.",
             show_default="readings for xlsx and parquet",
         ),
     ] = None,
     subset: Annotated[
         SubsetName | None,
-        typer.Option(help="Write this set of parameters as identified, not the correction."),
+        option("Write this set of parameters as identified, not the correction."),
     ] = None,
     method: Method = "exact",
     model: Annotated[
@@ -178,24 +179,24 @@ def export(
     ] = None,
     home_offset: Annotated[
         str | None,
-        typer.Option(help="Present HOME_OFFSET of the joints of x,y,z in mm: '1.5,0,-2'."),
+        option("Present HOME_OFFSET of the joints of x,y,z in mm: '1.5,0,-2'."),
     ] = None,
     endstops: Annotated[
         str | None,
-        typer.Option(
-            help="Where the switches of towers x,y,z trip now, mm: position_endstop (Klipper), "
+        option(
+            "Where the switches of towers x,y,z trip now, mm: position_endstop (Klipper), "
             "H + M666 (RepRapFirmware), H - M666 (Marlin), Z - M666 (Smoothieware)."
         ),
     ] = None,
     steps: Annotated[
         str | None,
-        typer.Option(
-            help="Present value of the firmware for the travel of towers x,y,z: rotation_distance "
+        option(
+            "Present value of the firmware for the travel of towers x,y,z: rotation_distance "
             "(Klipper), steps per mm of M92 (others)."
         ),
     ] = None,
     ini: Annotated[
-        Path | None, typer.Option(help="LinuxCNC INI file with the present values of the joints.")
+        Path | None, option("LinuxCNC INI file with the present values of the joints.")
     ] = None,
     frame: FrameName = None,
     force: Force = False,
@@ -294,20 +295,20 @@ def _export_of_machine(
 def history(
     folder: Annotated[Path, argument("Folder with sessions, and those below it.")] = Path(),
     machine: Annotated[
-        str | None, typer.Option(help="Only this machine, by its name or serial number.")
+        str | None, option("Only this machine, by its name or serial number.")
     ] = None,
     effects: Annotated[
-        bool, typer.Option("--effects", help="Also diagnose each session; slow the first time.")
+        bool, option("Also diagnose each session; slow the first time.", "--effects")
     ] = False,
     within_s: Annotated[
         float | None,
-        typer.Option(
+        option(
+            "Seconds; sessions that are not worked out by then are left for the next time.",
             "--within",
-            help="Seconds; sessions that are not worked out by then are left for the next time.",
             min=0.0,
         ),
     ] = None,
-    screen: Annotated[bool, typer.Option("--screen", help="Show it on a screen.")] = False,
+    screen: Annotated[bool, option("Show it on a screen.", "--screen")] = False,
     output: Annotated[
         Path | None,
         file("Page with figures to write, as HTML; - is standard output.", "--output", "-o"),
@@ -365,9 +366,9 @@ def _refuse_beside_table(name: str, format_name: str, options: dict[str, object]
 
     if format_name not in FORMATS:
         raise UsageError("--table", f"--format {format_name}", "csv, xlsx or parquet")
-    for option, value in options.items():
+    for option_name, value in options.items():
         if value:
-            raise UsageError(option, f"a table of {name}", "with offsets alone")
+            raise UsageError(option_name, f"a table of {name}", "with offsets alone")
 
 
 def _table(

@@ -29,6 +29,7 @@ from app.machines.options import (
     file,
     machine_option,
     may_replace,
+    option,
     say,
     there,
 )
@@ -99,17 +100,13 @@ def import_table(
         float | None,
         figure("Standard deviation of such a distance, marking included, mm; 0.05 if not stated."),
     ] = None,
-    remark: Annotated[
-        list[str] | None, typer.Option(help="A remark for the record; may be repeated.")
-    ] = None,
+    remark: Annotated[list[str] | None, option("A remark for the record; may be repeated.")] = None,
     measured_on: Annotated[
         datetime | None,
-        typer.Option(
-            metavar="DATE", formats=["%Y-%m-%d"], help="The day it was measured: YYYY-MM-DD."
-        ),
+        option("The day it was measured: YYYY-MM-DD.", metavar="DATE", formats=["%Y-%m-%d"]),
     ] = None,
     template: Annotated[
-        bool, typer.Option("--template", help="Write the table, a row a reading, without values.")
+        bool, option("Write the table, a row a reading, without values.", "--template")
     ] = False,
     protocol: Protocol = None,
     force: Force = False,
@@ -388,7 +385,7 @@ def validate(sessions: Sessions) -> None:
 def replay(
     session: Sessions,
     headless: Annotated[
-        bool, typer.Option("--headless", help="Print readings and averages, open no screen.")
+        bool, option("Print readings and averages, open no screen.", "--headless")
     ] = False,
     as_json: AsJson = False,
     served: Annotated[bool, typer.Option("--served", hidden=True)] = False,
@@ -434,9 +431,7 @@ def _end_with_the_server() -> None:
 
 def serve(
     sessions: Annotated[list[Path], argument("Session files, or folders of them.")],
-    port: Annotated[
-        int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.", min=0, max=65535)
-    ] = 8765,
+    port: Annotated[int, option("Port on 127.0.0.1; 0 takes a free one.", min=0, max=65535)] = 8765,
 ) -> None:
     """Sessions, reports and history in a browser. To look at only; Ctrl-C ends it."""
     from app.measuring.recorded import check_session

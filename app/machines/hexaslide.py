@@ -24,6 +24,7 @@ from app.machines.options import (
     may_replace,
     may_write,
     number,
+    option,
     parts,
     working,
 )
@@ -39,13 +40,11 @@ if TYPE_CHECKING:  # heavy: imported where used
 
 NAMES = ("hexaslide",)
 MeasuredDistance = Annotated[
-    str, typer.Option(help="Hexa Slide: measured components, such as x,y,z,theta,swing1.")
+    str, option("Hexa Slide: measured components, such as x,y,z,theta,swing1.")
 ]
 Known = Annotated[
     str | None,
-    typer.Option(
-        help="Constraint link: known parts of c,d,length, or none.", show_default="length"
-    ),
+    option("Constraint link: known parts of c,d,length, or none.", show_default="length"),
 ]
 
 
@@ -59,16 +58,16 @@ class IdentifiabilityOptions:
 
     measured: MeasuredDistance = ""
     known: Known = None
-    postures: Annotated[
-        int | None, typer.Option(help="Hexa Slide: random postures.", min=1, max=10_000)
-    ] = None
+    postures: Annotated[int | None, option("Hexa Slide: random postures.", min=1, max=10_000)] = (
+        None
+    )
     posture_file: Annotated[Path | None, file("Hexa Slide: postures of a .csv or .json file.")] = (
         None
     )
-    seed: Annotated[int, typer.Option(help="Seed of random postures.", min=0)] = 0
-    screen: Annotated[
-        bool, typer.Option("--screen", help="Hexa Slide: show the postures on a screen.")
-    ] = False
+    seed: Annotated[int, option("Seed of random postures.", min=0)] = 0
+    screen: Annotated[bool, option("Hexa Slide: show the postures on a screen.", "--screen")] = (
+        False
+    )
 
 
 def identifiability(question: Question, options: IdentifiabilityOptions) -> Answer | ScreenAnswer:
@@ -162,23 +161,23 @@ class PostureOptions:
     posture_file: Annotated[Path | None, file("Hexa Slide: .csv or .json file to start from.")] = (
         None
     )
-    as_is: Annotated[
-        bool, typer.Option("--as-is", help="Only judge the --posture-file, move nothing.")
-    ] = False
+    as_is: Annotated[bool, option("Only judge the --posture-file, move nothing.", "--as-is")] = (
+        False
+    )
     space: Annotated[
         Literal["box", "joints", "link"] | None,
-        typer.Option(
-            help="Hexa Slide: where to search: box, joints (all that the rails allow), or link "
+        option(
+            "Hexa Slide: where to search: box, joints (all that the rails allow), or link "
             "(what the constraint link allows); default link where the procedure has one.",
             show_default=False,
         ),
     ] = None
-    scaled: Annotated[
-        bool, typer.Option("--scaled", help="Hexa Slide: a criterion that no unit changes.")
-    ] = False
+    scaled: Annotated[bool, option("Hexa Slide: a criterion that no unit changes.", "--scaled")] = (
+        False
+    )
     few: Annotated[
         bool,
-        typer.Option("--few", help="Hexa Slide: fewer postures than show all, as in papers/001."),
+        option("Hexa Slide: fewer postures than show all, as in papers/001.", "--few"),
     ] = False
 
 
@@ -220,12 +219,10 @@ def postures(
 class SimulateOptions:
     """Options of ``simulate``."""
 
-    procedure: Annotated[str | None, typer.Option(help="Hexa Slide: pose-inverse, position, …")] = (
+    procedure: Annotated[str | None, option("Hexa Slide: pose-inverse, position, …")] = None
+    postures: Annotated[int | None, option("Hexa Slide: how many, random.", min=1, max=10_000)] = (
         None
     )
-    postures: Annotated[
-        int | None, typer.Option(help="Hexa Slide: how many, random.", min=1, max=10_000)
-    ] = None
     noise: Annotated[
         float | None, number("Hexa Slide: standard deviation of a measured length, mm.", 0.0, 10.0)
     ] = None
@@ -236,9 +233,9 @@ class SimulateOptions:
     errors: Annotated[
         float | None, number("Hexa Slide: of each hidden error, mm (default 1).", 0.0, 10.0)
     ] = None
-    measured: Annotated[
-        str | None, typer.Option(help="Hexa Slide: such as x,y,z,theta or turn1,swing1.")
-    ] = None
+    measured: Annotated[str | None, option("Hexa Slide: such as x,y,z,theta or turn1,swing1.")] = (
+        None
+    )
     machine_file: Annotated[Path | None, file("Hexa Slide: machine file (TOML).")] = None
     posture_file: Annotated[Path | None, file("Hexa Slide: these postures (CSV, JSON).")] = None
     truth: Annotated[Path | None, file("Hexa Slide: file for the true machine.")] = None
@@ -302,9 +299,7 @@ class SolveOptions:
     posture_file: Annotated[
         Path | None, file("Hexa Slide: desired postures; --corrected writes their commands.")
     ] = None
-    force: Annotated[
-        bool, typer.Option("--force", help="Hexa Slide: replace files of --corrected.")
-    ] = False
+    force: Annotated[bool, option("Hexa Slide: replace files of --corrected.", "--force")] = False
 
 
 def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:

@@ -45,16 +45,20 @@ def _no_trace(value_mm: float | None) -> float | None:
     return _finite(value_mm)
 
 
+def option(help_text: str, *names: str, **settings: Any) -> OptionInfo:  # noqa: ANN401 (typer's own)
+    """An option with this help, under other ``names`` than its parameter's where some are given."""
+    information: OptionInfo = typer.Option(*names, help=help_text, **settings)
+    return information
+
+
 def figure(help_text: str) -> OptionInfo:
     """An option for a small length of an indicator, mm."""
-    option: OptionInfo = typer.Option(help=help_text, min=0.0, max=10.0, callback=_no_trace)
-    return option
+    return option(help_text, min=0.0, max=10.0, callback=_no_trace)
 
 
 def number(help_text: str, least: float | None = None, most: float | None = None) -> OptionInfo:
     """An option for a finite number."""
-    option: OptionInfo = typer.Option(help=help_text, min=least, max=most, callback=_finite)
-    return option
+    return option(help_text, min=least, max=most, callback=_finite)
 
 
 def file(
@@ -62,14 +66,8 @@ def file(
 ) -> OptionInfo:
     """An option for a file; ``default`` as in typer's ``show_default``."""
     # readable=False: our own message and exit status for a file without permission
-    option: OptionInfo = typer.Option(
-        *names,
-        help=help_text,
-        show_default=default,
-        readable=False,
-        callback=there if to_read else None,
-    )
-    return option
+    callback = there if to_read else None
+    return option(help_text, *names, show_default=default, readable=False, callback=callback)
 
 
 def argument(help_text: str, *, to_read: bool = True) -> ArgumentInfo:
@@ -94,8 +92,7 @@ def there(paths: Path | list[Path] | None) -> Path | list[Path] | None:
 
 def machine_option(help_text: str) -> OptionInfo:
     """An option for a machine, by name or file; without it the usual one is taken."""
-    option: OptionInfo = typer.Option(help=help_text, show_default=USUAL_MACHINE)
-    return option
+    return option(help_text, show_default=USUAL_MACHINE)
 
 
 def parts(listed: str | None) -> tuple[str, ...]:
@@ -197,47 +194,43 @@ def say(text: str) -> None:
 
 
 Sessions = Annotated[list[Path], argument("Session files.")]
-Force = Annotated[
-    bool, typer.Option("--force", help="Replace existing files; a session is never replaced.")
-]
+Force = Annotated[bool, option("Replace existing files; a session is never replaced.", "--force")]
 Output = Annotated[Path, file("File to write.", "--output", "-o", default=False)]
 Machine = Annotated[
     str | None, machine_option(f"{', '.join(machine_names())}, or a machine file (TOML).")
 ]
 Protocol = Annotated[
     str | None,
-    typer.Option(
-        help="Procedure by name, or a .toml file of your own.", show_default="the machine's"
-    ),
+    option("Procedure by name, or a .toml file of your own.", show_default="the machine's"),
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of the simulation.")]
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]
-Channel = Annotated[int, typer.Option(min=1, max=99, help="Input of an interface.")]
+Seed = Annotated[int, option("Seed of the simulation.", min=0)]
+AsJson = Annotated[bool, option("One JSON document on standard output.", "--json")]
+Channel = Annotated[int, option("Input of an interface.", min=1, max=99)]
 SubsetName = Literal["joint-offsets", "leg-lengths", "both", "with-tolerances"]
 HoldsName = Annotated[
     Literal["offsets", "play", "tables", "kinematics"],
-    typer.Option("--holds", help="What the controller can take; the values are for it."),
+    option("What the controller can take; the values are for it.", "--holds"),
 ]
 FrameName = Annotated[
     Literal["touched-off", "aligned", "machine"] | None,
-    typer.Option(
-        "--frame",
-        help="How workpieces are set: touched-off (a shift is free), aligned (shift and turn), or "
+    option(
+        "How workpieces are set: touched-off (a shift is free), aligned (shift and turn), or "
         "machine (its own frame).",
+        "--frame",
         show_default="that of the machine file",
     ),
 ]
 Method = Annotated[
     Literal["linear", "exact"],
-    typer.Option(help="linear: system (11); exact: nonlinear, raw readings."),
+    option("linear: system (11); exact: nonlinear, raw readings."),
 ]
 
 MacroName = Annotated[
     Literal["klipper", "reprapfirmware", "marlin"] | None,
-    typer.Option(
-        "--macro",
-        help="Write the places over the plate as G-code for the firmware's probe instead: klipper, "
+    option(
+        "Write the places over the plate as G-code for the firmware's probe instead: klipper, "
         "reprapfirmware or marlin.",
+        "--macro",
     ),
 ]
 PrintableRadius = Annotated[

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
 from app.machines.options import (
     RESOLUTION_MM,
     SCATTER_MM,
@@ -33,6 +31,7 @@ from app.machines.options import (
     may_replace,
     may_write,
     number,
+    option,
     working,
 )
 from calib.errors import UsageError
@@ -93,15 +92,11 @@ class PostureOptions:
     noise: Noise = None
     budget: Annotated[float | None, number("Minutes at most, with set-up.", 0.0)] = None
     mounting_seconds: MountingSeconds = 120.0
-    repeats: Annotated[
-        bool, typer.Option("--repeats", help="A posture may be chosen more than once.")
-    ] = False
-    common: Annotated[
-        bool, typer.Option("--common", help="The same displacements on all legs: one file.")
-    ] = False
-    refine: Annotated[
-        bool, typer.Option(help="Move the chosen postures off the grid, or keep to it.")
-    ] = True
+    repeats: Annotated[bool, option("A posture may be chosen more than once.", "--repeats")] = False
+    common: Annotated[bool, option("The same displacements on all legs: one file.", "--common")] = (
+        False
+    )
+    refine: Annotated[bool, option("Move the chosen postures off the grid, or keep to it.")] = True
 
 
 def postures(
@@ -148,9 +143,7 @@ class SimulateOptions:
     model: Annotated[Path | None, file("Model file (JSON).", to_read=True)] = None
     scatter: Annotated[float, figure("Scatter of a re-approach, mm.")] = SCATTER_MM
     resolution: Annotated[float, figure("Step of the display, mm; 0: none.")] = RESOLUTION_MM
-    effect: Annotated[
-        str | None, typer.Option(help="Hide an effect in the machine: ID or ID:WHERE.")
-    ] = None
+    effect: Annotated[str | None, option("Hide an effect in the machine: ID or ID:WHERE.")] = None
     size: Annotated[
         float | None, number("Its largest value, in its own unit; default: well above the scatter.")
     ] = None
@@ -181,14 +174,14 @@ class SolveOptions:
 
     subset: Annotated[
         SubsetName | None,
-        typer.Option(help="Set of parameters to view; default: joint-offsets."),
+        option("Set of parameters to view; default: joint-offsets."),
     ] = None
     method: Method = "exact"
     frame: FrameName = None
     holds: HoldsName = "offsets"
     weights: Annotated[
         Literal["equal", "covariance"],
-        typer.Option(help="Linear method only: equal as in the papers, or covariance (14)."),
+        option("Linear method only: equal as in the papers, or covariance (14)."),
     ] = "equal"
     model: Annotated[
         Path | None, file("Fit the sizes of this model's effects together with the parameters.")
@@ -196,18 +189,14 @@ class SolveOptions:
     tolerance: Annotated[
         float | None, number("Judge the tool's r.m.s. error against this, mm.")
     ] = None
-    show_map: Annotated[
-        bool, typer.Option("--map", help="Expected tool error on three planes.")
-    ] = False
-    show_figures: Annotated[
-        bool, typer.Option("--figures", help="Draw readings and residuals, by leg.")
-    ] = False
+    show_map: Annotated[bool, option("Expected tool error on three planes.", "--map")] = False
+    show_figures: Annotated[bool, option("Draw readings and residuals, by leg.", "--figures")] = (
+        False
+    )
     monte_carlo: Annotated[
-        int | None, typer.Option(help="Check with this number of simulated sessions.", min=1)
+        int | None, option("Check with this number of simulated sessions.", min=1)
     ] = None
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of --monte-carlo.", show_default="1")
-    ] = None
+    seed: Annotated[int | None, option("Seed of --monte-carlo.", min=0, show_default="1")] = None
 
 
 def _check_options(options: SolveOptions) -> None:
@@ -286,9 +275,9 @@ class PlanOptions:
     frame: FrameName = None
     holds: HoldsName = "offsets"
     macro: MacroName = None
-    protocol: Annotated[
-        str | None, typer.Option(help="With --macro: procedure by name, or a .toml file.")
-    ] = None
+    protocol: Annotated[str | None, option("With --macro: procedure by name, or a .toml file.")] = (
+        None
+    )
     printable_radius: PrintableRadius = None
     output: Annotated[Path | None, file("With --macro: file to write.", "--output", "-o")] = None
     force: Force = False
@@ -303,9 +292,9 @@ def plan(machine: str | None, sessions: Sequence[Path], options: PlanOptions, sa
 
     if options.macro:
         return _macro(options.macro, machine, sessions, options)
-    for option in ("protocol", "printable_radius", "output", "force"):
-        if getattr(options, option):
-            raise UsageError(f"--{option.replace('_', '-')}", "no --macro", "with --macro alone")
+    for name in ("protocol", "printable_radius", "output", "force"):
+        if getattr(options, name):
+            raise UsageError(f"--{name.replace('_', '-')}", "no --macro", "with --macro alone")
     with working("Looking for the next measurement"):
         measured, warnings = load_sessions(sessions)
         measurement = next_measurement(

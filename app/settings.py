@@ -143,10 +143,7 @@ def check_theme(path: Path, settings: Settings, themes: Collection[str]) -> None
 
 
 def check_keys(
-    path: Path,
-    settings: Settings,
-    places: Sequence[Sequence[BoundKey]],
-    names: Collection[str],
+    path: Path, settings: Settings, places: Sequence[Sequence[BoundKey]], names: Collection[str]
 ) -> None:
     """Whether every id is one of these, every key one that a terminal can send, and free.
 

@@ -120,10 +120,7 @@ def faults_of(profile: Profile) -> dict[str, str]:
         name: f"answers {bad.reply.decode('latin-1').strip()}, {bad.kind}"
         for name, bad in profile.bad_replies.items()
     }
-    return {
-        **{trouble.value: description for trouble, description in WORDS.items()},
-        **bad_replies,
-    }
+    return {**{trouble.value: description for trouble, description in WORDS.items()}, **bad_replies}
 
 
 Transport = Literal["pty", "tcp"]

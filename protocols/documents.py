@@ -190,10 +190,7 @@ def read_remembered(path: Path, kind: type[D], subject: str) -> D:
     """
     if not path.exists():
         return kind()
-    requirement, next_step = (
-        "what the program wrote",
-        "Remove the file: it is written again",
-    )
+    requirement, next_step = ("what the program wrote", "Remove the file: it is written again")
     return read_json(path, kind, subject, requirement, next_step)
 
 

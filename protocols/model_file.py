@@ -20,14 +20,7 @@ from calib.tripod.effects.effect import AdoptedLaws, AdoptedSize, Effect, Effect
 from calib.tripod.effects.empirical import BASES, EMPIRICAL, empirical_effect
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import Model
-from protocols.documents import (
-    MOST_BYTES,
-    Document,
-    LengthMm,
-    Name,
-    read_json,
-    refuse_empty,
-)
+from protocols.documents import MOST_BYTES, Document, LengthMm, Name, read_json, refuse_empty
 from protocols.effect_entries import EffectEntry, HistoryEntry, ParameterEntry, Provenance
 from protocols.files import open_to_read, unreadable
 from protocols.machine import Machine

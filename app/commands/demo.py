@@ -31,8 +31,7 @@ def demo(
         list[str] | None, option("Profile of the simulated indicators; once or twice.")
     ] = None,
     effect: Annotated[
-        str | None,
-        option("Hide an effect in the machine, by its id; diagnose looks for it."),
+        str | None, option("Hide an effect in the machine, by its id; diagnose looks for it.")
     ] = None,
     folder: Annotated[Path, option("Where the sessions are written.")] = Path("demo-sessions"),
     controller: Annotated[

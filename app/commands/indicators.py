@@ -68,8 +68,7 @@ def read(
 def doctor(
     port: PortName,
     profile: Annotated[
-        str | None,
-        option("Indicator profile.", show_default="every profile is tried on the port"),
+        str | None, option("Indicator profile.", show_default="every profile is tried on the port")
     ] = None,
     unit: Unit = "mm",
     channel: Channel = 1,
@@ -127,8 +126,7 @@ def simulate_indicator(
     channel: Channel = 1,
     seconds: Annotated[float | None, number("Stop after this time.", 0.0, 1e6)] = None,
     protocol: Annotated[
-        str | None,
-        option("Rehearse: two indicators on a machine that follows this procedure."),
+        str | None, option("Rehearse: two indicators on a machine that follows this procedure.")
     ] = None,
     machine: Machine = None,
     seed: Seed = 1,

@@ -68,8 +68,7 @@ def run(
     protocol: Protocol = None,
     machine: Annotated[str | None, machine_option(LISTED)] = None,
     indicator: Annotated[
-        list[str] | None,
-        option("PROFILE:PORT or PROFILE:PORT@AXES; twice for two indicators."),
+        list[str] | None, option("PROFILE:PORT or PROFILE:PORT@AXES; twice for two indicators.")
     ] = None,
     port: Annotated[
         list[str] | None, option("Port of an indicator of --profile; once or twice.")
@@ -84,8 +83,7 @@ def run(
     note: Annotated[str, option("Remark for the record, shown with the result.")] = "",
     seed: Seed = 1,
     random_order: Annotated[
-        int | None,
-        option("Shuffle each cycle with this seed, where the order is free.", min=0),
+        int | None, option("Shuffle each cycle with this seed, where the order is free.", min=0)
     ] = None,
     resume: Resume = None,
     headless: Annotated[
@@ -99,8 +97,7 @@ def run(
         bool, option("Show every step; open and write nothing.", "--dry-run")
     ] = False,
     motion: Annotated[
-        str | None,
-        option("Controller that moves the machine: linuxcnc:HOST:PORT or grbl:PORT."),
+        str | None, option("Controller that moves the machine: linuxcnc:HOST:PORT or grbl:PORT.")
     ] = None,
     prove: Annotated[bool, option("Prove each carriage again by a short move.", "--prove")] = False,
     until: Annotated[
@@ -389,8 +386,7 @@ def align(
     context: typer.Context,
     session: Annotated[Path | None, argument("A measured session; none: measure one.")] = None,
     reference: Annotated[
-        str | None,
-        option("The rail that stays: x, y or z; else as before, or x.", metavar="RAIL"),
+        str | None, option("The rail that stays: x, y or z; else as before, or x.", metavar="RAIL")
     ] = None,
     protocol: Protocol = "align",
     machine: Machine = None,
@@ -404,8 +400,7 @@ def align(
     seed: Seed = 1,
     resume: Resume = None,
     machine_file_out: Annotated[
-        Path | None,
-        file("Machine file to write, with the measured drives.", "--machine-file-out"),
+        Path | None, file("Machine file to write, with the measured drives.", "--machine-file-out")
     ] = None,
     force: Force = False,
     as_json: AsJson = False,

@@ -66,8 +66,7 @@ def identifiability(
     context: typer.Context,
     machine: MachineName,
     procedure: Annotated[
-        str | None,
-        option("Procedure by name, or a .toml file; none with --measured."),
+        str | None, option("Procedure by name, or a .toml file; none with --measured.")
     ] = None,
     machine_file: MachineFile = None,
     as_json: AsJson = False,

@@ -132,10 +132,7 @@ OF_INDICATORS = (
 
 def export(
     context: typer.Context,
-    sources: Annotated[
-        list[Path],
-        argument("Sessions of one machine, or a model file."),
-    ],
+    sources: Annotated[list[Path], argument("Sessions of one machine, or a model file.")],
     output: Output,
     format_name: Annotated[
         Literal[
@@ -170,16 +167,14 @@ def export(
         ),
     ] = None,
     subset: Annotated[
-        SubsetName | None,
-        option("Write this set of parameters as identified, not the correction."),
+        SubsetName | None, option("Write this set of parameters as identified, not the correction.")
     ] = None,
     method: Method = "exact",
     model: Annotated[
         Path | None, file("Of a session: fit the sizes of this model's effects, too.", to_read=True)
     ] = None,
     home_offset: Annotated[
-        str | None,
-        option("Present HOME_OFFSET of the joints of x,y,z in mm: '1.5,0,-2'."),
+        str | None, option("Present HOME_OFFSET of the joints of x,y,z in mm: '1.5,0,-2'.")
     ] = None,
     endstops: Annotated[
         str | None,
@@ -331,11 +326,7 @@ def history(
     processors = (os.cpu_count() or 1) if within_s is None else 1
     with working("Working out sessions", "sessions"):
         past = read_history(
-            folder,
-            effects=effects,
-            of_postures=LOOKS,
-            within_s=within_s,
-            processors=processors,
+            folder, effects=effects, of_postures=LOOKS, within_s=within_s, processors=processors
         )
     if machine is not None:
         past = past.only(machine)

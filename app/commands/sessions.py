@@ -93,8 +93,7 @@ def import_table(
         figure("Repeatability of the indicators or the probe (standard deviation), mm."),
     ] = None,
     distances: Annotated[
-        Path | None,
-        file("Table of measured distances between marks.", "--distances"),
+        Path | None, file("Table of measured distances between marks.", "--distances")
     ] = None,
     distance_deviation: Annotated[
         float | None,

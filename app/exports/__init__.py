@@ -10,13 +10,7 @@ from pathlib import Path
 
 from app.evaluating.solution import SessionSolution
 from app.exports import linuxcnc, m665, towers
-from app.report.offsets import (
-    Export,
-    Offsets,
-    for_controller,
-    moves_the_tool,
-    offsets_from_result,
-)
+from app.report.offsets import Export, Offsets, for_controller, moves_the_tool, offsets_from_result
 from app.report.schema.document import to_json
 from app.report.schema.offsets import OffsetsReport
 from protocols.data_table import csv_text

@@ -10,22 +10,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from app.evaluating.printer import FIRMWARE_TOWERS, drives_of_towers
-from app.exports.linuxcnc import (
-    for_joints,
-    joint_files,
-    known_lines,
-    origin,
-    short_lines,
-)
+from app.exports.linuxcnc import for_joints, joint_files, known_lines, origin, short_lines
 from app.exports.linuxcnc_joints import joint_of_each_drive, joints_of_drives
-from app.report.offsets import (
-    LEAST_MM,
-    Export,
-    Offsets,
-    bound_of_files,
-    for_controller,
-    with_bound,
-)
+from app.report.offsets import LEAST_MM, Export, Offsets, bound_of_files, for_controller, with_bound
 from app.report.text.correction import FRAME_WORDS, doubt_lines, left_out_lines
 from app.report.text.printer import NOT_WORTH_IT
 from calib.arrays import LEG_NAMES, FloatArray

@@ -176,8 +176,7 @@ class PostureOptions:
         False
     )
     few: Annotated[
-        bool,
-        option("Hexa Slide: fewer postures than show all, as in papers/001.", "--few"),
+        bool, option("Hexa Slide: fewer postures than show all, as in papers/001.", "--few")
     ] = False
 
 

@@ -66,8 +66,7 @@ class RunOptions:
 
     posture_file: Annotated[Path | None, file(HELP)] = None
     behind: Annotated[
-        Path | None,
-        file("Hexa Slide, --simulated: the machine of this earlier simulated session."),
+        Path | None, file("Hexa Slide, --simulated: the machine of this earlier simulated session.")
     ] = None
 
 
@@ -301,10 +300,7 @@ def replayed(path: Path, say: Say) -> Answer:
     session, record = read_postures(path)
     if record.unfinished:
         say(f"glidecal: {record.unfinished}")
-    return Answer(
-        lambda: replay_text(session),
-        lambda: HexaSlideReplayReport.of(session, record),
-    )
+    return Answer(lambda: replay_text(session), lambda: HexaSlideReplayReport.of(session, record))
 
 
 def exported(path: Path, format_name: str) -> tuple[Contents, tuple[str, ...]]:

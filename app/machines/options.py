@@ -221,8 +221,7 @@ FrameName = Annotated[
     ),
 ]
 Method = Annotated[
-    Literal["linear", "exact"],
-    option("linear: system (11); exact: nonlinear, raw readings."),
+    Literal["linear", "exact"], option("linear: system (11); exact: nonlinear, raw readings.")
 ]
 
 MacroName = Annotated[

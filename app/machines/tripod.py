@@ -173,8 +173,7 @@ class SolveOptions:
     """Options of ``solve``."""
 
     subset: Annotated[
-        SubsetName | None,
-        option("Set of parameters to view; default: joint-offsets."),
+        SubsetName | None, option("Set of parameters to view; default: joint-offsets.")
     ] = None
     method: Method = "exact"
     frame: FrameName = None
@@ -343,10 +342,7 @@ def _macro(
 
 def workspace(name: str, limit: float, at_mm: Place | None) -> Answer:
     """What joint limits allow, the factors there, a cut at a limit of them; or one posture."""
-    from app.report.schema.planning import (
-        PostureReport,
-        WorkspaceReport,
-    )
+    from app.report.schema.planning import PostureReport, WorkspaceReport
     from app.report.text.planning import posture_text, workspace_text
     from calib.tripod.workspace import posture_of_tool, workspace_of
     from protocols.machine import load_machine
@@ -356,14 +352,12 @@ def workspace(name: str, limit: float, at_mm: Place | None) -> Answer:
     if at_mm is not None:
         posture = posture_of_tool(geometry, at_mm)
         return Answer(
-            lambda: posture_text(machine, posture),
-            lambda: PostureReport.of(machine, posture),
+            lambda: posture_text(machine, posture), lambda: PostureReport.of(machine, posture)
         )
     with working("Looking at the workspace"):
         reachable = workspace_of(geometry, limit)
     return Answer(
-        lambda: workspace_text(machine, reachable),
-        lambda: WorkspaceReport.of(machine, reachable),
+        lambda: workspace_text(machine, reachable), lambda: WorkspaceReport.of(machine, reachable)
     )
 
 

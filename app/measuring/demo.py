@@ -250,12 +250,7 @@ HURRIED_MM_MIN = 30_000.0
 def behind_linuxcnc(machine: Machine, *, hurried: bool) -> Machine:
     """The machine as a LinuxCNC of its own holds it: told joints, homed on a switch for each."""
     machine_of_controller: Machine = machine.model_copy(
-        update={
-            "mdi": "joint",
-            "joints": None,
-            "home_offset_mm": None,
-            "position_endstop_mm": None,
-        }
+        update={"mdi": "joint", "joints": None, "home_offset_mm": None, "position_endstop_mm": None}
     )
     changes: dict[str, object] = {
         "home_offset_mm": simulated_joints(machine_of_controller, None).home_offset_mm

@@ -315,12 +315,7 @@ def this_computer() -> str:
 
 
 def choose_indicators(
-    texts: Sequence[str],
-    ports: Sequence[str],
-    profile: str,
-    *,
-    machine: Machine,
-    simulated: bool,
+    texts: Sequence[str], ports: Sequence[str], profile: str, *, machine: Machine, simulated: bool
 ) -> tuple[Instrument, ...]:
     """Indicators of the command line, else those of the machine file; checked, nothing opened.
 

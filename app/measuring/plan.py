@@ -223,8 +223,6 @@ def writable_folder(folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise RecordError(
-            f"folder {folder}",
-            allowed="a folder with write permission",
-            reason=reason_of(problem),
+            f"folder {folder}", allowed="a folder with write permission", reason=reason_of(problem)
         ) from problem
     return folder

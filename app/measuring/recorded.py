@@ -18,14 +18,7 @@ from protocols.dates import measured_words
 from protocols.documents import Origin
 from protocols.machine import Instrument
 from protocols.machine_files import beginning_of, form_name
-from protocols.record import (
-    END_BYTES,
-    Record,
-    count_readings,
-    read_ends,
-    read_record,
-    record_form,
-)
+from protocols.record import END_BYTES, Record, count_readings, read_ends, read_record, record_form
 from protocols.session import Closed, Continued, Event, Opened, Reading, Superseded
 
 DEMO_FOLDER = Path("demo-sessions")

@@ -14,13 +14,7 @@ from calib.errors import MotionError, UsageError
 from calib.tripod.pipeline import StageEffect
 from drivers.profile import Fault, IndicatorReading, Outcome
 from protocols.clock import SessionClock
-from protocols.expectation import (
-    ExpectedReading,
-    Movement,
-    expected,
-    movement,
-    since_last_repeat,
-)
+from protocols.expectation import ExpectedReading, Movement, expected, movement, since_last_repeat
 from protocols.journal import Journal
 from protocols.procedure import Leg, Step, default_mount
 from protocols.session import (
@@ -481,11 +475,7 @@ class GuidedSession:
         return [Superseded(readings=numbers, reason=reason)] if numbers else []
 
     def _readings(
-        self,
-        step: Step,
-        outcomes: Sequence[Outcome],
-        mounts: dict[Leg, str],
-        moved: Moved | None,
+        self, step: Step, outcomes: Sequence[Outcome], mounts: dict[Leg, str], moved: Moved | None
     ) -> tuple[Reading, ...]:
         opened = self.session.opened
         time_s = round(self.clock.time_s(), 3)

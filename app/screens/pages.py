@@ -95,11 +95,7 @@ class Resting(Widget):
         return self._rows[1]
 
     def refresh(
-        self,
-        *regions: Region,
-        repaint: bool = True,
-        layout: bool = False,
-        recompose: bool = False,
+        self, *regions: Region, repaint: bool = True, layout: bool = False, recompose: bool = False
     ) -> Self:
         self._rows = None
         return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)

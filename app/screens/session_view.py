@@ -193,12 +193,7 @@ class SessionView(Vertical, Resting):
         self.query_one("#steps").border_title = "steps"
 
     def show(
-        self,
-        progress: str,
-        session: Session,
-        steps: Sequence[Step],
-        step: Step | None,
-        by: TakenBy,
+        self, progress: str, session: Session, steps: Sequence[Step], step: Step | None, by: TakenBy
     ) -> None:
         """A line on all, the present step and who takes it, the list around it, the leg so far."""
         self.query_one("#progress", Words).update(progress, layout=False)

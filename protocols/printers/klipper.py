@@ -22,13 +22,7 @@ from calib.tripod.geometry import USUAL_ANGLES_DEG
 from protocols.distance_table import MeasuredDistance
 from protocols.documents import MOST_EDITED_BYTES, Triple, triple
 from protocols.printers.gcode import NUMBER_END, Texts, read_printed
-from protocols.printers.tower_printer import (
-    OFF_PLATE_MM,
-    Contact,
-    FileContent,
-    Pair,
-    TowerPrinter,
-)
+from protocols.printers.tower_printer import OFF_PLATE_MM, Contact, FileContent, Pair, TowerPrinter
 
 SAVED = "#*#"
 SAVED_HEADER = "#*# <---------------------- SAVE_CONFIG ---------------------->"

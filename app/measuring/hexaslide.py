@@ -21,6 +21,7 @@ from calib.hexaslide.expectation import (
     other_frame,
 )
 from calib.hexaslide.procedures import ANGLES
+from protocols.documents import Origin
 from protocols.hexaslide import HexaSlideMachine
 from protocols.hexaslide_session import (
     POSTURE_FORM,
@@ -74,6 +75,23 @@ class PosturePlan:
             )
         return commands(self.machine, self.procedure)
 
+    def opened(self, origin: Origin, procedure: PostureProcedure) -> PosturesOpened:
+        """The first line of the record."""
+        return PosturesOpened(
+            program=program(),
+            origin=origin,
+            measured_on=self.measured_on,
+            machine=self.machine,
+            machine_file=self.machine_file,
+            procedure=procedure,
+            operator=self.operator,
+            temperature_c=self.temperature_c,
+            seed=self.seed,
+            truth=self.truth,
+            indicator=self.indicator,
+            remarks=(self.note,) if self.note else (),
+        )
+
 
 @dataclass(frozen=True)
 class PostureDoubt:
@@ -98,19 +116,7 @@ class PostureTaking:
     def begin(plan: PosturePlan) -> PostureTaking:
         """A new record. Raises RecordError for its place, or a posture that cannot be."""
         planned = plan.commands()
-        opened = PosturesOpened(
-            program=program(),
-            origin="measured" if plan.seed is None else "simulated",
-            machine=plan.machine,
-            machine_file=plan.machine_file,
-            procedure=planned.procedure,
-            operator=plan.operator,
-            temperature_c=plan.temperature_c,
-            seed=plan.seed,
-            truth=plan.truth,
-            indicator=plan.indicator,
-            remarks=(plan.note,) if plan.note else (),
-        )
+        opened = plan.opened("measured" if plan.seed is None else "simulated", planned.procedure)
         return PostureTaking(Journal.create(plan.path, opened, POSTURE_FORM), planned)
 
     @staticmethod
@@ -266,16 +272,7 @@ def import_postures(source: Path, plan: PosturePlan) -> tuple[PostureSession, tu
     """
     procedure = plan.procedure.model_copy(update={"postures": ()})
     table = readings_of_table(source, plan.machine, procedure)
-    opened = PosturesOpened(
-        program=program(),
-        origin="imported",
-        measured_on=plan.measured_on,
-        machine=plan.machine,
-        machine_file=plan.machine_file,
-        procedure=procedure,
-        operator=plan.operator,
-        remarks=(plan.note,) if plan.note else (),
-    )
+    opened = plan.opened("imported", procedure)
     session = replace(fold_postures([opened, *table.readings]), name=plan.path.name)
     odd = _odd(source, session, table.lines)
     write_whole(plan.path, opened, [*table.readings], POSTURE_FORM)

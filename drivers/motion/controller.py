@@ -68,7 +68,6 @@ class MotionFault(StrEnum):
     LATE = "did not arrive in time"
     STOPPED = "stopped"
     LOST = "connection lost"
-    NO_CONSENT = "no consent"
     PROGRAM = "an error of this program"
 
 

@@ -112,14 +112,15 @@ class LinuxCncTwin:
         self.offset_mm = 0.0
         self.lock = threading.Lock()
         self.control: Client | None = None
-        self._right = {**HEALTHY, "kinematics_type": "1" if coordinates == "joint" else "4"}
-        self.state = dict(self._right)
+        self.healthy = {**HEALTHY, "kinematics_type": "1" if coordinates == "joint" else "4"}
+        self.state = dict(self.healthy)
         self._clients: list[socket.socket] = []
-        self._listen(0)
+        self.listen(0)
         self.address = f"127.0.0.1:{self._server.server_address[1]}"
         self.endpoint = f"linuxcnc:{self.address}"
 
-    def _listen(self, port: int) -> None:
+    def listen(self, port: int) -> None:
+        """Answer clients at a port of loopback, 0: a free one."""
         twin = self
 
         class Handler(socketserver.BaseRequestHandler):

@@ -51,9 +51,8 @@ class FailingAxes(SimulatedAxes):
 
     def freeze(self) -> None:
         """Stand still on its way, which it has not given up."""
-        with self.lock:
-            self.from_mm = self.to_mm = self._now()
-            self.frozen = True
+        super().stop()
+        self.frozen = True
 
     @property
     def moving(self) -> bool:
@@ -138,11 +137,11 @@ class FailingLinuxCnc(LinuxCncTwin):
         """Switched on and homed again; one that was killed runs again at the same port."""
         with self.lock:
             mode = {"mode": self.state["mode"], "program_codes": self.state["program_codes"]}
-            self.state, self._silent, self.axes.short_mm = self._right | mode, False, 0.0
+            self.state, self._silent, self.axes.short_mm = self.healthy | mode, False, 0.0
             self.offset_mm, self.axes.frozen = 0.0, False
         if self._dead:
             self._dead, self.control = False, None
-            self._listen(self._server.server_address[1])
+            self.listen(int(self.address.rpartition(":")[2]))
 
     def close(self) -> None:
         if not self._dead:

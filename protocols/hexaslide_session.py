@@ -305,6 +305,8 @@ POSTURE_EVENT: TypeAdapter[PostureEvent] = TypeAdapter(PostureEvent)
 class PostureMeaning(Meaning):
     """Readings have the values that are measured, too, and name postures that there are."""
 
+    opened = PosturesOpened
+
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._opened: PosturesOpened | None = None
@@ -330,9 +332,7 @@ class PostureMeaning(Meaning):
             raise self.error(number, f"posture {event.posture}", allowed)
 
 
-POSTURE_FORM = RecordForm(
-    SCHEMA_ID, POSTURE_EVENT, PosturesOpened, PosturesContinued, PostureMeaning
-)
+POSTURE_FORM = RecordForm(SCHEMA_ID, POSTURE_EVENT, PosturesContinued, PostureMeaning)
 """Of sessions of postures."""
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -60,12 +60,34 @@ SCHEMA_NAME_NUMBER = re.compile(r"(.+)/([1-9][0-9]{0,8})")
 
 
 class Meaning:
-    """Looks at the events of one record in their order: readings count up, refer to what exists."""
+    """Looks at the events of one record in their order: an ``opened`` is first, a ``closed`` last,
+    lines and readings count up and refer to what exists.
+    """
+
+    opened: ClassVar[type[Line]]
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self._closed = False
         self._readings = 0
         self._superseded: set[int] = set()
+
+    def check_place(self, number: int, event: Event) -> None:
+        """Raises RecordError for one that cannot be in this line."""
+        if event.line != number:
+            fault = f"line number {event.line}: a line is missing, doubled or moved"
+            requirement = "an unaltered record"
+        elif (number == 1) != isinstance(event, self.opened):
+            fault, requirement = f"event '{event.event}'", "'opened' on line 1 and only there"
+        elif self._closed:
+            fault, requirement = f"event '{event.event}' after 'closed'", "nothing after 'closed'"
+        elif isinstance(event, Closed) and event.readings != self._readings:
+            fault = f"a count of {event.readings} readings"
+            requirement = f"{self._readings}, as many as there are"
+        else:
+            self._closed = isinstance(event, Closed)
+            return
+        raise self.error(number, fault, requirement)
 
     def check(self, number: int, event: Any) -> None:  # noqa: ANN401 (of its form)
         """Raises RecordError for one that does not follow from those before."""
@@ -92,13 +114,11 @@ class RecordForm:
     """What the lines of a record are.
 
     ``schema`` is that of what is written; all numbers before it are read.
-    ``lines`` reads one, the first is an ``opened``, the one after a break a ``continued``;
-    ``meaning`` looks at their order.
+    ``lines`` reads one, the one after a break is a ``continued``; ``meaning`` looks at their order.
     """
 
     schema: str
     lines: TypeAdapter[Any]
-    opened: type[Line]
     continued: Callable[..., Line]
     meaning: type[Meaning]
 
@@ -192,7 +212,7 @@ def check_record(path: Path, content: bytes, form: RecordForm | None = None) -> 
     digest = FIRST_DIGEST
     for number, line in enumerate(lines, start=1):
         event = parse_line(path, number, line, form)
-        _check_order(path, number, event, events, form)
+        meaning.check_place(number, event)
         _check_chain(path, number, lines, digest, event)
         meaning.check(number, event)
         events.append(event)
@@ -296,33 +316,14 @@ def parse_line(path: Path, number: int, line: bytes, form: RecordForm | None = N
     )
 
 
-def _check_order(
-    path: Path, number: int, event: Event, events: list[Event], form: RecordForm
-) -> None:
-    """Numbers count up; 'opened' comes first, 'closed' last, with the right count."""
-    if event.line != number:
-        fault, requirement = (
-            f"line number {event.line}: a line is missing, doubled or moved",
-            "an unaltered record",
-        )
-    elif (number == 1) != isinstance(event, form.opened):
-        fault, requirement = f"event '{event.event}'", "'opened' on line 1 and only there"
-    elif events and isinstance(events[-1], Closed):
-        fault, requirement = f"event '{event.event}' after 'closed'", "nothing after 'closed'"
-    elif isinstance(event, Closed) and event.readings != count_readings(events):
-        fault = f"a count of {event.readings} readings"
-        requirement = f"{count_readings(events)}, as many as there are"
-    else:
-        return
-    raise RecordError(_subject(path, number), fault, requirement)
-
-
 def _subject(path: Path, number: int) -> str:
     return f"session {path}, line {number}"
 
 
 class SessionMeaning(Meaning):
     """Distances count up, too, readings are of their steps, a mounting stays in one place."""
+
+    opened = Opened
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -362,7 +363,7 @@ class SessionMeaning(Meaning):
             raise self.error(number, f"mounting {event.mount} in a second place", "one place")
 
 
-SESSION_FORM = RecordForm(SCHEMA, EVENT, Opened, Continued, SessionMeaning)
+SESSION_FORM = RecordForm(SCHEMA, EVENT, Continued, SessionMeaning)
 """Of sessions with indicators or contacts."""
 
 

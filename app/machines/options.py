@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -51,9 +52,8 @@ def option(help_text: str, *names: str, **settings: Any) -> OptionInfo:  # noqa:
     return information
 
 
-def figure(help_text: str) -> OptionInfo:
-    """An option for a small length of an indicator, mm."""
-    return option(help_text, min=0.0, max=10.0, callback=_no_trace)
+figure = partial(option, min=0.0, max=10.0, callback=_no_trace)
+"""An option for a small length of an indicator, mm."""
 
 
 def number(help_text: str, least: float | None = None, most: float | None = None) -> OptionInfo:
@@ -90,9 +90,8 @@ def there(paths: Path | list[Path] | None) -> Path | list[Path] | None:
     return paths
 
 
-def machine_option(help_text: str) -> OptionInfo:
-    """An option for a machine, by name or file; without it the usual one is taken."""
-    return option(help_text, show_default=USUAL_MACHINE)
+machine_option = partial(option, show_default=USUAL_MACHINE)
+"""An option for a machine, by name or file; without it the usual one is taken."""
 
 
 def parts(listed: str | None) -> tuple[str, ...]:

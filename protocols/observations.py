@@ -70,9 +70,8 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         approach=np.array(approach),
         cycle=np.array([r.cycle for r in readings], dtype=np.intp),
         time_s=np.array(times_s),
-        temperature_c=np.array(
-            [r.temperature_c for r in readings], dtype=np.float64
-        ),  # None is NaN
+        # None is NaN
+        temperature_c=np.array([r.temperature_c for r in readings], dtype=np.float64),
         mount=numbers_of(mounts),
         indicator=numbers_of(indicators),
         position_mm=np.array([r.position_mm or ZERO for r in readings]),

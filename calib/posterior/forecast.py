@@ -137,10 +137,14 @@ class Forecast:
 
     @cached_property
     def groups(self) -> list[Group]:
+        """All models as `groups_of` has them."""
+        return self.groups_of(range(len(self.numbers)))
+
+    def groups_of(self, models: Sequence[int]) -> list[Group]:
         """Models by the base that they share, and by how large something else is in them."""
         of_key: dict[tuple[int, float], list[int]] = {}
-        for k, number in enumerate(self.numbers.tolist()):
-            model, size_mm = self.posterior.models[number], 0.0
+        for k in models:
+            model, size_mm = self.posterior.models[int(self.numbers[k])], 0.0
             for member, scale in zip(model.members, model.scales, strict=True):
                 if self.posterior.components[member].id == ELSE:
                     size_mm = scale * float(self.posterior.components[member].unit[0])
@@ -291,10 +295,12 @@ class Forecast:
         self, measurements: Sequence[ExpectedReadings], models: Sequence[int]
     ) -> list[FloatArray]:
         """What model j leaves of each if model i is true ``(h, h)``, noise variances."""
-        place = np.argsort(np.concatenate([group.rows for group in self.groups]))[list(models)]
+        groups = self.groups_of(models)
+        order = [k for group in groups for k in group.rows.tolist()]
+        place = [order.index(k) for k in models]
         matrices = []
         for readings in measurements:
-            updated = [group.updated(readings, self.followed) for group in self.groups]
+            updated = [group.updated(readings, self.followed) for group in groups]
             expected = np.hstack([update.expected for update in updated])[:, place]
             squares = np.hstack([update.squares(expected) for update in updated])
             matrices.append(np.asarray(squares[:, place]))

@@ -194,9 +194,11 @@ class UpdatedGroup:
     def means(self, readings: FloatArray) -> FloatArray:
         """Means at the tool ``(2q, M)`` where these are the readings ``(n,)``."""
         departure, along = self._departure(readings)
-        of_model = np.zeros((len(along), len(self.group.rows)))
-        of_model[np.arange(len(along)), self.group.owner] = along
-        return np.asarray(self.group.tool_mean + self.gain @ departure + self.tool @ of_model)
+        means = np.asarray(self.group.tool_mean + self.gain @ departure)
+        with_sizes, firsts = np.unique(self.group.owner, return_index=True)
+        if len(with_sizes):
+            means[:, with_sizes] += np.add.reduceat(self.tool * along, firsts, axis=1)
+        return means
 
     def squares(self, readings: FloatArray) -> FloatArray:
         """What each model leaves ``(h, M)`` of readings ``(n, h)``, in noise variances."""

@@ -318,7 +318,7 @@ class Forecast:
         distances = np.zeros((count, 3))
         distances[:, 0] = weight
         for up in updated:
-            distances[up.group.rows, 1:] = up.distances(off[:, up.group.rows])
+            distances[up.group.rows, 1:] = up.squares_at_tool.moments(off[:, up.group.rows])
         heavy = weight > LIGHT
         share, square, variance = distances[heavy].T
         return root_quantile(share, square, variance, KEPT)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import block_diag  # scipy.linalg would take 0.04 s more to import
 
 from calib.arrays import FloatArray, IntArray
-from calib.posterior.tool_errors import InField
+from calib.posterior.tool_errors import InField, ModelColumns, Squares
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +56,14 @@ class ExpectedReadings:
 class Group:
     """Models ``rows`` of a forecast that share a base, their sizes side by side.
 
-    Column k of ``sizes`` ``(f, R)`` belongs to model ``owner[k]``; ``blocks`` are the columns
-    ``(m, r)`` of models of r sizes. ``base`` ``(f, b)`` is the root that they share; ``away``
-    ``(f, M)`` their means less where readings are linear about. ``tool_base``, ``tool_sizes`` and
-    ``tool_mean`` are the same in what stands for the tool ``(2q, ...)``: what it does, then what is
-    entered. Something else is of ``size_mm`` in each posture.
+    Each has ``columns`` of the root ``sizes`` ``(f, R)``, ``base`` ``(f, b)`` is the root that they
+    share, ``away`` ``(f, M)`` their means less where readings are linear about. ``tool_base``,
+    ``tool_sizes`` and ``tool_mean`` are the same in what stands for the tool ``(2q, ...)``: what it
+    does, then what is entered. Something else is of ``size_mm`` in each posture.
     """
 
     rows: IntArray
-    owner: IntArray
-    blocks: tuple[IntArray, ...]
+    columns: ModelColumns
     base: FloatArray
     sizes: FloatArray
     away: FloatArray
@@ -86,12 +84,10 @@ class Group:
     ) -> Group:
         """Models in the tool's field, linear ``about`` ``(f,)``; ``tool`` is ``(2q, f)``."""
         roots = [field.root / field.inflated for field in fields]
-        widths = np.array([root.shape[1] for root in roots], dtype=np.intp)
         mean, sizes = np.column_stack([field.mean for field in fields]), np.hstack(roots)
         return cls(
             np.array(rows, dtype=np.intp),
-            np.repeat(np.arange(len(rows)), widths),
-            _blocks(widths),
+            ModelColumns([root.shape[1] for root in roots]),
             fields[0].base_root,
             sizes,
             mean - about[:, None],
@@ -101,10 +97,6 @@ class Group:
             tool @ sizes,
             tool @ mean,
         )
-
-    def sums(self, values: FloatArray) -> FloatArray:
-        """Sums of columns ``(R,)`` for each model ``(M,)``."""
-        return np.asarray(np.bincount(self.owner, values, len(self.rows)))
 
     def updated(self, readings: ExpectedReadings, followed: Sequence[int]) -> UpdatedGroup:
         """The group with the covariance after these readings: the base, beside it the sizes."""
@@ -117,31 +109,23 @@ class Group:
         expected = readings.expected[:, None] + readings.columns @ self.away
         for number, (means, columns) in zip(followed, readings.followed, strict=True):
             for j in np.flatnonzero(self.rows == number).tolist():
-                places = self.owner == j
+                places = self.columns.owner == j
                 sizes[:, places] = columns @ self.sizes[:, places]
                 expected[:, j] = means
         sizes = white @ sizes
         explained, roots = np.zeros_like(sizes), []
         room = np.full(len(self.rows), float(np.log(lower.diagonal()).sum()))
-        for block in self.blocks:
+        for block in self.columns.blocks:
             inside = np.moveaxis(sizes[:, block], 1, 0)
             inner = np.swapaxes(inside, 1, 2) @ inside + np.eye(block.shape[1])
             root = np.swapaxes(np.linalg.inv(np.linalg.cholesky(inner)), 1, 2)
             roots.append(root)
             explained[:, block] = np.moveaxis(inside @ root, 0, 1)
             logs = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-            room[self.owner[block[:, 0]]] -= logs
+            room[self.columns.owner[block[:, 0]]] -= logs
         return UpdatedGroup(
             self, white @ of_base, tuple(roots), explained, white, lower, expected, sizes, room
         )
-
-
-def _blocks(widths: IntArray) -> tuple[IntArray, ...]:
-    """Columns of models of each width, a row for each model."""
-    firsts = np.cumsum([0, *widths[:-1]])
-    return tuple(
-        firsts[widths == width][:, None] + np.arange(width) for width in np.unique(widths) if width
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,27 +159,20 @@ class UpdatedGroup:
         """Roots of the covariance of sizes ``(2q, R)`` at the tool, beside that of the base."""
         moved = self.group.tool_sizes - self.gain @ self.sizes
         tool = np.zeros_like(moved)
-        for block, root in zip(self.group.blocks, self.roots, strict=True):
+        for block, root in zip(self.group.columns.blocks, self.roots, strict=True):
             tool[:, block] = np.moveaxis(np.moveaxis(moved[:, block], 1, 0) @ root, 0, 1)
         return tool
-
-    @cached_property
-    def base(self) -> FloatArray:
-        """Covariance of the base ``(q, q)`` at the tool."""
-        q = len(self.group.tool_base) // 2
-        tool_base, gained = self.group.tool_base[:q], self.gain[:q]
-        return np.asarray(tool_base @ tool_base.T - gained @ gained.T)
 
     def _departure(self, readings: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Departure of these readings from each model ``(n, M)``, and along its sizes ``(R,)``."""
         departure = self.white @ (readings[:, None] - self.expected)
-        return departure, (self.seen * departure[:, self.group.owner]).sum(axis=0)
+        return departure, (self.seen * departure[:, self.group.columns.owner]).sum(axis=0)
 
     def means(self, readings: FloatArray) -> FloatArray:
         """Means at the tool ``(2q, M)`` where these are the readings ``(n,)``."""
         departure, along = self._departure(readings)
         means = np.asarray(self.group.tool_mean + self.gain @ departure)
-        with_sizes, firsts = np.unique(self.group.owner, return_index=True)
+        with_sizes, firsts = np.unique(self.group.columns.owner, return_index=True)
         if len(with_sizes):
             means[:, with_sizes] += np.add.reduceat(self.tool * along, firsts, axis=1)
         return means
@@ -203,20 +180,20 @@ class UpdatedGroup:
     def squares(self, readings: FloatArray) -> FloatArray:
         """What each model leaves ``(h, M)`` of readings ``(n, h)``, in noise variances."""
         departure = np.tensordot(self.white, readings[:, :, None] - self.expected[:, None], axes=1)
-        along = np.einsum("nr,nhr->hr", self.seen, departure[:, :, self.group.owner])
-        inside = np.array([self.group.sums(row) for row in along**2])
+        along = np.einsum("nr,nhr->hr", self.seen, departure[:, :, self.group.columns.owner])
+        inside = np.array([self.group.columns.sums(row) for row in along**2])
         return np.asarray(((departure**2).sum(axis=0) - inside) / self.group.inflated**2)
 
     def log_factor(self, true: UpdatedGroup, j: int) -> FloatArray:
         """Expected log Bayes factor ``(M,)`` of model j, which is ``true``, over each."""
-        sizes, inside = true.sizes[:, true.group.owner == j], self.seen
+        sizes, inside = true.sizes[:, true.group.columns.owner == j], self.seen
         if true is not self:  # else white and lower are inverse
             root = self.white @ true.lower
             sizes, inside = root @ sizes, root.T @ inside
             wide = float((root**2).sum()) - len(root)
         else:
             wide = 0.0
-        covered = self.group.sums(
+        covered = self.group.columns.sums(
             (inside**2).sum(axis=0) + ((sizes.T @ self.seen) ** 2).sum(axis=0)
         )
         gain = wide + float((sizes**2).sum()) - covered
@@ -224,26 +201,9 @@ class UpdatedGroup:
         return np.asarray(0.5 * (gain + square) + self.room - true.room[j])
 
     @cached_property
-    def _spread(self) -> tuple[FloatArray, FloatArray]:
-        """Mean and half the variance ``(M,)`` of the mean square at the tool about the means."""
-        group, inflation = self.group, self.group.inflated**2
-        root = self.tool[: len(self.base)]
-        inner = np.zeros(len(group.rows))
-        for block in group.blocks:
-            roots = np.moveaxis(root[:, block], 1, 0)
-            products = np.swapaxes(roots, 1, 2) @ roots
-            inner[group.owner[block[:, 0]]] = (products**2).sum(axis=(1, 2))
-        size = float(np.trace(self.base)) + group.sums((root**2).sum(axis=0))
-        through = group.sums((root * (self.base @ root)).sum(axis=0))
-        return inflation * size, inflation**2 * (
-            float((self.base**2).sum()) + 2.0 * through + inner
-        )
-
-    def distances(self, off: FloatArray) -> FloatArray:
-        """Mean and variance ``(M, 2)`` of the mean square at the tool, means ``off`` ``(q, M)``."""
-        size, square = self._spread
-        root = self.tool[: len(off)]
-        along = (off * (self.base @ off)).sum(axis=0)
-        along = along + self.group.sums((root * off[:, self.group.owner]).sum(axis=0) ** 2)
-        along = self.group.inflated**2 * along
-        return np.column_stack([size + (off**2).sum(axis=0), 2.0 * square + 4.0 * along])
+    def squares_at_tool(self) -> Squares:
+        """Mean squares at the tool, where means do not matter."""
+        group, q = self.group, len(self.group.tool_base) // 2
+        tool_base, gained = group.tool_base[:q], self.gain[:q]
+        base = tool_base @ tool_base.T - gained @ gained.T
+        return Squares(base, self.tool[:q], group.columns, group.inflated)

@@ -48,6 +48,60 @@ UNPLACED_FREEDOM = 12.0
 """Degrees of freedom of an error without a law over the workspace, smooth along the travel."""
 
 
+class ModelColumns:
+    """Whose are so many columns of each model, side by side.
+
+    Column k is of model ``owner[k]``; ``blocks`` are the columns ``(m, r)`` of models of r sizes.
+    """
+
+    def __init__(self, counts: Sequence[int]) -> None:
+        self.models = len(counts)
+        self.owner = np.repeat(np.arange(self.models), counts)
+        width, firsts = np.array(counts, dtype=np.intp), np.cumsum([0, *counts])[:-1]
+        self.blocks = [
+            firsts[width == r][:, None] + np.arange(r) for r in np.unique(width).tolist() if r
+        ]
+
+    def sums(self, values: FloatArray) -> FloatArray:
+        """Sums of columns ``(R,)`` for each model ``(M,)``."""
+        return np.asarray(np.bincount(self.owner, values, self.models))
+
+
+@dataclass(frozen=True, eq=False)
+class Squares:
+    """Mean squares under models that share a base, whose covariance is ``base`` ``(q, q)``.
+
+    Beside it each model has ``columns`` of ``roots`` ``(q, R)``; both are times the square of
+    ``inflated`` ``(M,)``.
+    """
+
+    base: FloatArray
+    roots: FloatArray
+    columns: ModelColumns
+    inflated: FloatArray
+
+    @cached_property
+    def _spread(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and half the variance ``(M,)`` of the square about the means."""
+        inner = np.zeros(self.columns.models)
+        for block in self.columns.blocks:
+            roots = np.moveaxis(self.roots[:, block], 1, 0)
+            products = np.swapaxes(roots, 1, 2) @ roots
+            inner[self.columns.owner[block[:, 0]]] = (products**2).sum(axis=(1, 2))
+        size = float(np.trace(self.base)) + self.columns.sums((self.roots**2).sum(axis=0))
+        through = self.columns.sums((self.roots * (self.base @ self.roots)).sum(axis=0))
+        square = float((self.base**2).sum()) + 2.0 * through + inner
+        return self.inflated**2 * size, self.inflated**4 * square
+
+    def moments(self, off: FloatArray) -> FloatArray:
+        """Mean and variance ``(M, 2)`` of the mean square where means are ``off`` ``(q, M)``."""
+        size, square = self._spread
+        along = (off * (self.base @ off)).sum(axis=0)
+        along += self.columns.sums((self.roots * off[:, self.columns.owner]).sum(axis=0) ** 2)
+        variance = 2.0 * square + 4.0 * self.inflated**2 * along
+        return np.column_stack([size + (off**2).sum(axis=0), variance])
+
+
 @dataclass(frozen=True, eq=False)
 class ToolErrors:
     """Mean squares of the tool's error over the workspace, under every model of a posterior.
@@ -81,23 +135,18 @@ class ToolErrors:
         return np.array([model.weight for model in self.models])
 
     @cached_property
+    def _unplaced_mm2(self) -> FloatArray:
+        return np.array([model.unplaced_mm2 for model in self.models])
+
+    @cached_property
     def _mean(self) -> FloatArray:
-        """``(n_models, f)``."""
-        return np.array([model.mean for model in self.models])
+        """``(f, M)``."""
+        return np.column_stack([model.mean for model in self.models])
 
     @cached_property
-    def _inflation(self) -> FloatArray:
-        """``(n_models,)``."""
-        return np.array([model.inflated**2 for model in self.models])
-
-    @cached_property
-    def _roots(self) -> FloatArray:
-        """Covariance roots of every model ``(n_models, f, k)``, filled up with zeros."""
-        widest = max(model.root.shape[1] for model in self.models)
-        roots = np.zeros((*self._mean.shape, widest))
-        for filled, model in zip(roots, self.models, strict=True):
-            filled[:, : model.root.shape[1]] = model.root
-        return roots
+    def _mean_at_tool(self) -> FloatArray:
+        """Means along the directions that move the tool ``(q, M)``."""
+        return np.asarray(self._metric_root @ self._mean)
 
     @cached_property
     def _alike(self) -> list[list[int]]:
@@ -108,66 +157,44 @@ class ToolErrors:
         return list(alike.values())
 
     @cached_property
-    def _tool_means(self) -> FloatArray:
-        """Means of every model along the directions that move the tool ``(n_models, q)``."""
-        return np.asarray(self._mean @ self._metric_root.T)
-
-    @cached_property
-    def _tool_roots(self) -> FloatArray:
-        """Covariance roots of every model along these directions ``(n_models, q, k)``."""
-        return np.asarray(self._metric_root @ self._roots)
-
-    @cached_property
-    def _tool_bases(self) -> list[tuple[list[int], FloatArray]]:
-        """Models of each base, and its covariance along these directions ``(q, q)``."""
-        root = self._metric_root
-        return [(alike, root @ self.models[alike[0]].base @ root.T) for alike in self._alike]
-
-    @cached_property
-    def _spread(self) -> FloatArray:
-        """Mean and half the variance ``(n_models, 2)`` of the square about each model's mean."""
-        size, square, mixed = np.empty((3, len(self.models)))
-        roots = self._tool_roots
-        for alike, base in self._tool_bases:
-            size[alike], square[alike] = np.trace(base), (base**2).sum()
-            mixed[alike] = (roots[alike] * (base @ roots[alike])).sum(axis=(1, 2))
-        inner = np.swapaxes(roots, 1, 2) @ roots
-        unplaced = np.array([model.unplaced_mm2 for model in self.models])
-        mean = self._inflation * size + np.trace(inner, axis1=1, axis2=2) + unplaced
-        half_variance = (
-            self._inflation**2 * square
-            + 2.0 * self._inflation * mixed
-            + (inner**2).sum(axis=(1, 2))
-            + unplaced**2 / UNPLACED_FREEDOM
-        )
-        return np.column_stack([mean, half_variance])
+    def _squares(self) -> list[tuple[list[int], Squares]]:
+        """Models of each base, and their mean squares at the tool."""
+        squares, metric_root = [], self._metric_root
+        for alike in self._alike:
+            models = [self.models[k] for k in alike]
+            roots = [model.root / model.inflated for model in models]
+            base = metric_root @ models[0].base @ metric_root.T
+            columns = ModelColumns([root.shape[1] for root in roots])
+            inflated = np.array([model.inflated for model in models])
+            squares.append(
+                (alike, Squares(base, metric_root @ np.hstack(roots), columns, inflated))
+            )
+        return squares
 
     def _off(self, values: FloatArray) -> FloatArray:
-        """How far each mean is from these values, along these directions ``(n_models, q)``."""
-        return np.asarray(self._tool_means - self._metric_root @ values)
+        """How far each mean is from these values, along these directions ``(q, M)``."""
+        return np.asarray(self._mean_at_tool - (self._metric_root @ values)[:, None])
 
     def expected(self, values: FloatArray) -> FloatArray:
-        """Squares ``(n_models,)`` of what is expected under each with these values entered."""
-        return np.asarray((self._off(values) ** 2).sum(axis=1))
+        """Squares ``(M,)`` of what is expected under each with these values entered."""
+        return np.asarray((self._off(values) ** 2).sum(axis=0))
 
     def distances(self, values: FloatArray) -> FloatArray:
-        """Each model ``(n_models, 3)`` with these values entered: its weight, then mean and
-        variance of the mean square of the tool's error, mm² and mm⁴.
+        """Each model ``(M, 3)`` with these values entered: its weight, then mean and variance of
+        the mean square of the tool's error, mm² and mm⁴.
         """
         off = self._off(values)
-        along = np.empty(len(self.models))
-        for alike, base in self._tool_bases:
-            along[alike] = (off[alike] @ base * off[alike]).sum(axis=1)
-        of_root = (off[:, None, :] @ self._tool_roots)[:, 0]
-        along = self._inflation * along + (of_root**2).sum(axis=1)
-        size = self._spread[:, 0] + (off**2).sum(axis=1)
-        variance = 2.0 * self._spread[:, 1] + 4.0 * along
-        return np.column_stack([self._weight, size, variance])
+        moments = np.empty((len(self.models), 2))
+        for alike, squares in self._squares:
+            moments[alike] = squares.moments(off[:, alike])
+        moments[:, 0] += self._unplaced_mm2
+        moments[:, 1] += 2.0 * self._unplaced_mm2**2 / UNPLACED_FREEDOM
+        return np.column_stack([self._weight, moments])
 
     def moment(self, values: FloatArray) -> FloatArray:
         """Expected products ``(f, f)`` of what is left in the field with these values entered."""
-        off = self._mean - values
-        moment = (off.T * self._weight) @ off
+        off = self._mean - values[:, None]
+        moment = (off * self._weight) @ off.T
         for alike in self._alike:
             inflation = sum(self.models[k].weight * self.models[k].inflated ** 2 for k in alike)
             moment += inflation * self.models[alike[0]].base
@@ -178,11 +205,12 @@ class ToolErrors:
     @property
     def unplaced_mm2(self) -> float:
         """Expected mean square of errors that have no law."""
-        return math.fsum(model.weight * model.unplaced_mm2 for model in self.models)
+        return float(self._weight @ self._unplaced_mm2)
 
     def expected_mm(self, values: FloatArray) -> float:
         """Root of the expected mean square."""
-        return math.sqrt(float(self._weight @ (self._spread[:, 0] + self.expected(values))))
+        weight, mean, _ = self.distances(values).T
+        return math.sqrt(float(weight @ mean))
 
     def bound_mm(self, values: FloatArray) -> float:
         """What a machine keeps 95 times in 100 with these values entered (`KEPT`)."""

@@ -143,7 +143,7 @@ def test_covariances_after_readings_are_those_of_dense_matrices(both_ways: Known
     for number, dense in both_ways.dense.items():
         updated, j = both_ways.after[number]
         off = np.zeros((len(both_ways.forecast.shown), len(updated.group.rows)))
-        square = float(updated.distances(off)[j, 0])
+        square = float(updated.squares_at_tool.moments(off)[j, 0])
         assert square == pytest.approx(dense.square(both_ways.result), rel=0.01)
         before = float(np.trace(dense.into.T @ metric @ dense.into @ dense.before))
         assert square < 0.9 * before

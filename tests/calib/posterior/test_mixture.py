@@ -97,7 +97,7 @@ def test_groups_of_models_are_those_of_dense_matrices(seed: int) -> None:
     for update, models in zip(updated, dense, strict=True):
         count = len(models)
         means, squares = update.means(seen), update.squares(seen[:, None])[0]
-        distances = update.distances(off[:, :count])
+        distances = update.squares_at_tool.moments(off[:, :count])
         factors = [(update.log_factor(truth, j), true) for truth, j, true in truths]
         for k, model in enumerate(models):
             errors = seen - model.expected

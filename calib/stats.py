@@ -66,6 +66,17 @@ def mixture_uncertainties(
     return standard, np.asarray(high)
 
 
+def mixture_moments(
+    weight: FloatArray, means: FloatArray, variances: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and standard deviation ``(...)`` of a mixture of ``(n, ...)``; weights ``(n,)`` sum to 1.
+
+    About the mean: a difference of squares may be negative by rounding.
+    """
+    mean = np.asarray(np.tensordot(weight, means, 1))
+    return mean, np.sqrt(np.tensordot(weight, variances + (means - mean) ** 2, 1))
+
+
 def root_quantile(
     weight: FloatArray, mean: FloatArray, variance: FloatArray, share: float
 ) -> float:

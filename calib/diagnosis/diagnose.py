@@ -44,7 +44,7 @@ from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.models import Posterior
 from calib.posterior.readings import LENGTHS
 from calib.posterior.selection import LOG_SCALES, SCALES, log_causes
-from calib.stats import UNLIKELY
+from calib.stats import UNLIKELY, mixture_moments
 from calib.tripod.effects.drives import ActuatorCyclic
 from calib.tripod.effects.effect import EffectInstance, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
@@ -267,14 +267,13 @@ class _Report:
             candidate = self.components[number].candidate
             if candidate is None:
                 continue
-            means, squares = [], []
+            means, variances = [], []
             for model in models:
                 at = self.posterior.starts(model)[model.members.index(number)]
                 places = slice(at, at + len(candidate.parameters))
                 means.append(model.mean[places])
-                squares.append(model.mean[places] ** 2 + model.variance_at(places))
-            mean = share @ np.array(means)
-            deviation = np.sqrt(np.maximum(share @ np.array(squares) - mean**2, 0.0))
+                variances.append(model.variance_at(places))
+            mean, deviation = mixture_moments(share, np.array(means), np.array(variances))
             columns = zip(candidate.parameters, mean.tolist(), deviation.tolist(), strict=True)
             parameters += [Value(p.name, value, u, p.unit) for p, value, u in columns]
             effects += candidate.effects(mean)

@@ -35,7 +35,7 @@ from calib.hexaslide.residuals import Readings, postures_of, residuals
 from calib.posterior.gaussian import About
 from calib.posterior.selection import ADOPTED, LIGHTEST, ModelEntry, ModelSelection, Products
 from calib.quantity import Quantity
-from calib.stats import UNLIKELY, variance_ratio_p_value
+from calib.stats import UNLIKELY, mixture_moments, variance_ratio_p_value
 
 FEWEST_SPARE = 8
 """Readings beyond the parameters that they determine: fewer tell no cause from another."""
@@ -244,9 +244,8 @@ class WeighedCauses:
         for name in names:
             cause = next(cause for cause in self.causes if (cause.id, cause.where) == name)
             means, variances = np.moveaxis(np.array([values[name] for values in values_of]), 1, 0)
-            mean = weights @ means
-            deviations = np.sqrt(weights @ (variances + means**2) - mean**2)
-            sizes = ((cause.size * part).tolist() for part in (mean, deviations))
+            moments = mixture_moments(weights, means, variances)
+            sizes = ((cause.size * part).tolist() for part in moments)
             values, uncertainties = (tuple(part) for part in sizes)
             effects.append(AdoptedEffect(*name, values, deviations=uncertainties))
         return tuple(effects)

@@ -19,6 +19,7 @@ from calib.posterior.readings import LENGTHS, Rows
 from calib.posterior.statements import NOTHING, Statement
 from calib.posterior.tool import FRAMES, RIGID, Frame, ToolField
 from calib.posterior.tool_errors import InField, ToolErrors
+from calib.stats import mixture_moments
 from calib.tripod.effects.drives import AxisOffset
 from calib.tripod.effects.effect import PER_THOUSAND, Effect, EffectInstance, Placed
 from calib.tripod.geometry import Geometry
@@ -281,8 +282,7 @@ class Posterior:
         pairs = [(model, selected(model)) for model in self.models]
         means = np.array([row @ model.mean for model, row in pairs])
         variances = np.array([model.variance_of(row) for model, row in pairs])
-        mean = np.asarray(weight @ means)
-        return mean, np.sqrt(weight @ (variances + (means - mean) ** 2))
+        return mixture_moments(weight, means, variances)
 
     def size_of(self, laws: Sequence[Placed]) -> tuple[FloatArray, FloatArray]:
         """Sizes ``(p,)`` of one law as its places share them, by how much the model's are off.
@@ -322,8 +322,8 @@ class Posterior:
         means = np.array([model.mean[at] for model in self.models_in_field])
         variance = np.array([model.variance(at) for model in self.models_in_field])
         weight = np.array([model.weight for model in self.models_in_field])
-        mean = float(weight @ means)
-        return mean, math.sqrt(float(weight @ (variance + means**2)) - mean**2)
+        mean, deviation = mixture_moments(weight, means, variance)
+        return float(mean), float(deviation)
 
     def _unseen(self, model: WeightedModel, in_field: InField, unstated: FloatArray) -> FloatArray:
         """Standard deviations ``(f,)`` of what these readings do not show.

@@ -113,7 +113,7 @@ def laws_held(geometry: Geometry) -> list[Placed]:
 
 def mean_square(metric: FloatArray, values: Sequence[float] | FloatArray) -> float:
     """Mean square at the tool of these values ``(6 + k,)``."""
-    return float(np.asarray(values) @ metric @ np.asarray(values))
+    return max(float(np.asarray(values) @ metric @ np.asarray(values)), 0.0)  # but for rounding
 
 
 def days_in_tolerance(

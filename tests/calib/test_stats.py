@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from fractions import Fraction
 from statistics import NormalDist
 
 import numpy as np
 import pytest
 
-from calib.stats import mixture_uncertainties, normal_scores, root_quantile
+from calib.stats import (
+    mixture_moments,
+    mixture_uncertainties,
+    normal_scores,
+    root_quantile,
+)
 
 
 def test_normal_scores_are_quantiles_of_the_ranks() -> None:
@@ -16,6 +23,27 @@ def test_normal_scores_are_quantiles_of_the_ranks() -> None:
     expected = [normal.inv_cdf((rank - 0.375) / 4.25) for rank in (3, 1, 4, 2)]
     assert normal_scores(values) == pytest.approx(expected, abs=1e-12)
     assert normal_scores(np.array([5.0])) == pytest.approx([0.0])
+
+
+def test_moments_of_a_mixture_are_those_of_its_models_in_fractions() -> None:
+    weights, means, variances = (1, 3, 4), (3, -1, 5), (2, 0, 1)
+    mean = sum(Fraction(w, 8) * m for w, m in zip(weights, means, strict=True))
+    square = sum(
+        Fraction(w, 8) * (v + m * m) for w, m, v in zip(weights, means, variances, strict=True)
+    )
+    parts = (np.array(part, dtype=float)[:, None] for part in (means, variances))
+    moments = mixture_moments(np.array(weights) / 8.0, *parts)
+    assert moments[0] == pytest.approx(float(mean))
+    assert moments[1] == pytest.approx(math.sqrt(square - mean**2))
+
+
+def test_models_that_agree_have_no_deviation_and_no_rounding_below_it() -> None:
+    weight = np.full(7, 1.0 / 7.0)
+    means = np.full((7, 3), [1234.567, -0.1, 0.0])
+    mean, deviation = mixture_moments(weight, means, np.zeros((7, 3)))
+    assert mean == pytest.approx(means[0])
+    assert (deviation >= 0.0).all()
+    assert (deviation < 1e-12).all()
 
 
 def test_uncertainties_of_a_mixture_are_those_of_many_draws() -> None:

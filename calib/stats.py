@@ -69,7 +69,7 @@ def mixture_uncertainties(
 def mixture_moments(
     weight: FloatArray, means: FloatArray, variances: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean and standard deviation ``(...)`` of a mixture of ``(n, ...)``, weights ``(n,)`` of sum 1.
+    """Mean and standard deviation ``(...)`` of a mixture ``(n, ...)``, weights ``(n,)`` of sum 1.
 
     About the mean: a difference of squares may be negative by rounding.
     """

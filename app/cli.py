@@ -124,6 +124,8 @@ def main() -> None:
     """Run the program; every error meant for a person becomes one paragraph and a status."""
     # numpy reads it once; for matrices as small as ours, waiting threads cost more than they help
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # documents have no plugins of pydantic; looking for some among all packages took 0.01 s
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     # what is made here mostly stays: looking for garbage after 700 things took a tenth of a report
     gc.set_threshold(50_000)
     guard_standard_streams()

@@ -25,12 +25,15 @@ class Quantity:
 
     ``decimals`` are for a ``signed`` number, at least so many for an ``uncertainty`` and for what
     is ``measured``: that has as many as its uncertainty in the same row. ``two-digit`` numbers
-    have their own, a ``tolerance`` three at most. ``missing`` stands in place of None.
+    have their own, a ``tolerance`` three at most. A ``probability`` is
+    no certainty. ``missing`` stands in place of None.
     """
 
     label: str | None = None
     unit: str = ""
-    kind: Literal["plain", "signed", "measured", "uncertainty", "two-digit", "tolerance"] = "plain"
+    kind: Literal[
+        "plain", "signed", "measured", "uncertainty", "two-digit", "tolerance", "probability"
+    ] = "plain"
     decimals: int | None = None
     words: str = ""
     missing: str = ""
@@ -54,8 +57,8 @@ class Quantity:
         if self.kind in ("signed", "measured"):
             apart = self.kind == "measured" and uncertainty is not None
             return signed(value, decimals_for(uncertainty or 0.0, least) if apart else least)
-        if self.kind == "two-digit":
-            return figures(value)
+        if words := {"two-digit": figures, "probability": probability_words}.get(self.kind):
+            return words(value)
         if self.kind == "tolerance":
             return f"{value:.3g}"
         return f"{value:g}" if self.decimals is None else f"{value:.{least}f}"
@@ -127,6 +130,13 @@ def beside(value_mm: float, limit_mm: float | None) -> str:
     while limit_mm is not None and (float(text) <= limit_mm) != (value_mm <= limit_mm):
         text = f"{value_mm:.{len(text.partition('.')[2]) + 1}f}"
     return text
+
+
+def probability_words(probability: float) -> str:
+    """A probability: two figures, and no certainty."""
+    if probability < 0.005:
+        return "< 0.01"
+    return f"{probability:.2f}" if probability < 0.995 else "> 0.99"
 
 
 def signed(value: float, decimals: int = 3) -> str:

@@ -235,18 +235,19 @@ def _given(sessions: Iterable[File | Session]) -> list[Session]:
         if isinstance(file, Session):
             loaded.append((f"session {number}", file))
             continue
-        (session,), remarks = load_sessions([_path(f"session {number}", file)])
+        path = _path(f"session {number}", file, "the path of a file, or a Session")
+        (session,), remarks = load_sessions([path])
         _warn(remarks)
         loaded.append((session.name, session))
     refuse_twice(loaded)
     return sorted((replace(session, name=name) for name, session in loaded), key=measured_first)
 
 
-def _path(thing: str, file: object) -> Path:
+def _path(thing: str, file: object, allowed: str = "the path of a file") -> Path:
     """Raises UsageError for what is no path."""
     if isinstance(file, str | os.PathLike) and not isinstance(path := os.fspath(file), bytes):
         return Path(path)
-    raise UsageError(thing, f"a value of type {type(file).__name__}", "the path of a file")
+    raise UsageError(thing, f"a value of type {type(file).__name__}", allowed)
 
 
 def _listed(files: object) -> Iterable[Any]:

@@ -425,6 +425,9 @@ class Session(Tabled):
     digest: str = ""
     known_steps: tuple[Step, ...] | None = None
 
+    def __repr__(self) -> str:
+        return f"Session({self.name!r}, {len(self.readings)} readings)"
+
     @property
     def adjusted(self) -> str | None:
         """In which mechanical state the readings that count were taken; None: never changed."""

@@ -77,7 +77,7 @@ class RankedSize:
     ]
     unit: Annotated[str, Quantity("unit", words="unit of both")]
     probability: Annotated[
-        float, Quantity("likely", decimals=2, words="probability that it acts there")
+        float, Quantity("likely", kind="probability", words="probability that it acts there")
     ]
     gap_rms_after_mm: Annotated[
         float, Quantity("gap after", "mm", "plain", 4, "r.m.s. of the gap that it leaves")
@@ -113,9 +113,11 @@ class SessionDiagnosis(Tabled):
 
     def table(self) -> DataTable:
         """A row for each size of what was named, then of the other candidates, best first."""
+        names = {(effect.id, effect.where) for effect in self.diagnosis.effects}
+        candidates = (c for c in self.diagnosis.candidates if (c.id, c.where) not in names)
         ranked: list[tuple[Finding | Contender, str]] = [
             *((effect, "named") for effect in self.diagnosis.effects),
-            *((candidate, candidate.reason_rejected) for candidate in self.diagnosis.candidates),
+            *((candidate, candidate.reason_rejected) for candidate in candidates),
         ]
         return DataTable.of(
             RankedSize,

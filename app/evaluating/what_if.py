@@ -13,10 +13,12 @@ from app.evaluating.solution import SessionSolution, solve_sessions
 from calib.errors import NotIdentifiable, UsageError, check_number
 from calib.identify.identify import IdentificationCase, identify
 from calib.identify.solution import FittedSize, Solution, Subset
+from calib.posterior.library import STATED_ONLY
 from calib.posterior.tool import FREE_IN, Frame
 from calib.quantity import Sizes, round_step
 from calib.tripod.controller import commanded_with, tool_error_free_of_mm
-from calib.tripod.effects.candidates import Candidate, candidates
+from calib.tripod.effects import BESIDE_CATALOGUE
+from calib.tripod.effects.candidates import Candidate, candidates, single_places
 from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
@@ -254,8 +256,8 @@ def what_if(
     of_it = [entry for entry in entries if entry.id == effect_id]
     fitting = [entry for entry in of_it if entry.where == where]
     if not fitting:
-        places = [f"{entry.id}:{entry.where}" for entry in of_it or entries]
-        raise UsageError("effect", repr(effect), ", ".join(dict.fromkeys(places)))
+        allowed = [f"{entry.id}:{entry.where}" for entry in of_it] or [e.id for e in entries]
+        raise UsageError("effect", repr(effect), ", ".join(dict.fromkeys(allowed)))
     model_entry = next((entry for entry in fitting if len(entry.parameters) == len(values)), None)
     if model_entry is None:
         numbers = " or ".join(sorted({str(len(entry.parameters)) for entry in fitting}))
@@ -272,13 +274,29 @@ def what_if(
 
 def _of_the_catalogue(sessions: Sequence[Session]) -> Iterator[EffectEntry]:
     """What these readings could show, parameters of the machine's geometry too, of size 0."""
-    model, effects = Model(sessions[0].opened.machine.geometry()), known_effects()
-    laws = {law.id: law for law in case_of(sessions[0], model).named_beyond}
-    other_laws = (
-        law for name, law in laws.items() if name not in {effect.id for effect in effects}
-    )
-    for candidate in candidates(model, to_observations(sessions), (*effects, *other_laws)):
+    effects = known_effects()
+    ids = {effect.id for effect in effects}
+    model = _as_measured(sessions)
+    law_of_id = {law.id: law for law in case_of(sessions[0], model).named_beyond}
+    rare_laws = (law for law in BESIDE_CATALOGUE if law.id not in STATED_ONLY | law_of_id.keys())
+    other_laws = (law for law in (*rare_laws, *law_of_id.values()) if law.id not in ids)
+    conditions, laws = to_observations(sessions), (*effects, *other_laws)
+    arrangements = candidates(model, conditions, laws)
+    names = {(candidate.id, candidate.where) for candidate in arrangements}
+    singles = (c for c in single_places(model, conditions, laws) if (c.id, c.where) not in names)
+    for candidate in (*arrangements, *singles):
         yield _of_size_zero(candidate)
+
+
+def _as_measured(sessions: Sequence[Session]) -> Model:
+    """The machine with the parameters that the readings tell, else as it is stated.
+
+    On a machine without errors readings stay the same, and a wrong gain does nothing.
+    """
+    try:
+        return solve_sessions(sessions).solution.model
+    except NotIdentifiable:
+        return Model(sessions[0].opened.machine.geometry())
 
 
 def _of_size_zero(candidate: Candidate) -> EffectEntry:

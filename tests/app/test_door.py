@@ -84,16 +84,21 @@ def test_a_simulated_session_is_planned_for_and_diagnosed() -> None:
     frame = results.to_frame()
     assert frame["effect"][0] == "backlash"
     assert frame["standing"][0] == "named"
+    sizes = frame[["effect", "where", "parameter"]]
+    assert not sizes.duplicated().any()  # what is named was there twice, as a candidate too
+    assert "&gt; 0.99" in results._repr_html_()  # as in the text; it was 1.00
     planned = glidecal.plan(session)
     assert planned.to_frame()["bound_mm"].iloc[0] == planned.best.bound_mm
 
 
 @pytest.mark.filterwarnings("ignore")
 def test_a_result_at_a_prompt_is_no_book_of_arrays() -> None:
-    """Before: 28 MB of a diagnosis."""
-    assert len(repr(glidecal.solve(SESSION))) < 200_000
-    diagnosed = glidecal.diagnose(SESSION)
-    assert len(repr(diagnosed)) < 200_000
+    """Before: 28 MB of a diagnosis, then every reading of its sessions."""
+    session = glidecal.load(SESSION)
+    assert repr(session) == f"Session('{SESSION.name}', {len(session.readings)} readings)"
+    assert len(repr(glidecal.solve(session))) < 20_000
+    diagnosed = glidecal.diagnose(session)
+    assert len(repr(diagnosed)) < 60_000
     assert len(repr(diagnosed.tool)) < 4_000
 
 

@@ -13,6 +13,7 @@ from app.evaluating.solution import SessionSolution
 from app.report.text.tables import new_table, signed, uncertain
 from calib.identify.solution import Subset
 from calib.posterior.tool import FRAMES
+from calib.quantity import probability_words
 
 if TYPE_CHECKING:
     from calib.posterior.correction import LeftOut, ToolOff
@@ -181,7 +182,8 @@ def doubt_lines(result: SessionSolution) -> Iterator[str]:
     mistakes = result.corrections.mistakes
     if mistakes:
         mistake_words = ", or ".join(
-            f"{mistake.title} ({mistake.where}), {mistake.probability:.2f}" for mistake in mistakes
+            f"{mistake.title} ({mistake.where}), {probability_words(mistake.probability)}"
+            for mistake in mistakes
         )
         likely = "likely" if mistakes[0].probability > 0.5 else "perhaps"
         yield (

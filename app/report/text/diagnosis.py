@@ -39,6 +39,7 @@ from calib.diagnosis.results import (
     ModelDiscrepancy,
 )
 from calib.posterior.correction import HOLDS, Holds
+from calib.quantity import probability_words
 from calib.tripod.effects.empirical import EMPIRICAL
 from protocols.data_table import DataTable
 
@@ -427,13 +428,6 @@ def candidates_text(diagnosis: Diagnosis) -> str:
     candidates = shown_candidates(diagnosis)
     text = "Candidates, the likeliest first, and the gap that each alone leaves"
     return f"{text}\n{table_text(candidates_table(candidates))}" if len(candidates) > 1 else ""
-
-
-def probability_words(probability: float) -> str:
-    """A probability in a table: two figures, and no certainty."""
-    if probability < 0.005:
-        return "< 0.01"
-    return f"{probability:.2f}" if probability < 0.995 else "> 0.99"
 
 
 def _detectable(diagnosis: Diagnosis) -> list[Table]:

@@ -105,6 +105,19 @@ def meeting(drives: FloatArray, joints: FloatArray, start: FloatArray) -> FloatA
     return np.asarray(root(too_far, start).x)
 
 
+def test_every_effect_of_a_diagnosis_can_be_tried() -> None:
+    """Refused before: what does nothing on a machine without errors, as a wrong gain, what is
+    beside the catalogue, and one direction of a drive.
+    """
+    session = glidecal.simulate("two-station", effect="straightness:xy", size=0.2, seed=3)
+    effects = glidecal.diagnose(session).to_frame()
+    tried = {":".join(choice.key) for choice in choices([session])}
+    names = set(effects["effect"] + ":" + effects["where"])
+    assert "straightness:xy" in names <= tried
+    assert {"gauge_gain:xy", "gauge_tilt:all", "joint_clearance:z"} <= tried
+    assert glidecal.what_if(session, effect="straightness:xy", size=0.2).tool_mm > 0.01
+
+
 def test_parameters_that_ignore_it_mislead_the_tool(session: glidecal.Session) -> None:
     """Against the kinematics alone: offsets of before entered where drives are longer."""
     geometry = Geometry()
@@ -198,5 +211,8 @@ def test_play_is_never_below_nothing() -> None:
 def test_what_is_not_known_is_refused(session: glidecal.Session) -> None:
     with pytest.raises(UsageError, match="backlash:all"):
         glidecal.what_if(session, effect="backlash:nowhere", size=0.1)
+    with pytest.raises(UsageError, match=r"'nothing:x'. Allowed: axis_squareness, ") as problem:
+        glidecal.what_if(session, effect="nothing:x", size=0.1)
+    assert len(str(problem.value)) < 400  # a name each, not all its places
     with pytest.raises(UsageError, match="values of backlash:all: found 2"):
         glidecal.what_if(session, effect="backlash:all", size=[0.1, 0.2])

@@ -26,8 +26,9 @@ UM_A_MONTH = 1000.0 * 30.44  # of mm a day: a month has 365.25 / 12 days
 
 TOO_EARLY = (
     f"A drift cannot be determined yet: this takes {FEWEST} sessions of one state of the machine "
-    "over a week or longer. Of an imported table the day must be stated (import --measured-on)."
+    "over a week or longer."
 )
+NO_DAY = "Of an imported table the day must be stated (import --measured-on)."
 
 HISTORY_HELP = f"""\
 {{history.next_figure}}, {{history.figure_before}}  Charts: another joint
@@ -196,7 +197,8 @@ def due_words(machine: MachineHistory) -> str:
     if machine.due is not None:
         return f"Due in {machine.due:%B %Y}: by then drift will have used up the tolerance."
     if not any(joint.drift for joint in machine.joints):
-        return TOO_EARLY
+        every_day = all(point.entry.dated for point in machine.points)
+        return TOO_EARLY if every_day else f"{TOO_EARLY} {NO_DAY}"
     if not any(joint.drift and joint.drift.shown for joint in machine.joints):
         return "No drift beyond its uncertainty."
     if machine.last.machine.tool_tolerance_mm is None:

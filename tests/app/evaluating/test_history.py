@@ -170,6 +170,7 @@ def test_two_sessions_tell_no_drift_and_none_is_denied(tmp_path: Path) -> None:
     text = " ".join(history_text(read_history(tmp_path, index=tmp_path / "index"), NOW).split())
     assert "A drift cannot be determined yet: this takes 3 sessions" in text
     assert "No drift" not in text
+    assert "imported" not in text  # measured sessions have their day
 
 
 def test_a_rebuilt_machine_is_an_event(tmp_path: Path) -> None:

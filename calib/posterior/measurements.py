@@ -111,13 +111,10 @@ class FurtherMeasurement:
         if self.procedure:
             return f"{introduction}procedure {self.procedure}"
         levels = ", ".join(f"{level:+g}" if level else "Zero" for level in self.levels_mm)
-        legs = "leg " if len(self.legs) == 1 else "legs "
         first = "Zero, " if self.cycles > 1 else ""
         times = f", {self.cycles} times" if self.cycles > 1 else ""
-        return (
-            f"{introduction}{legs}{', '.join(self.legs).upper()}, "
-            f"{self.station:.0%} from the tool end: {first}{levels} mm{times}"
-        )
+        where = stand_words(self.legs, self.station)
+        return f"{introduction}{where}: {first}{levels} mm{times}"
 
     @property
     def is_way(self) -> bool:
@@ -144,6 +141,12 @@ class FurtherMeasurement:
             f"levels = [{', '.join(levels)}]\n"
             + ("" if several else 'return_to_zero = false\norder = "fixed"\n')
         )
+
+
+def stand_words(legs: Sequence[str], station: float) -> str:
+    """Which legs are read, and where on their bars."""
+    leg_words = "leg" if len(legs) == 1 else "legs"
+    return f"{leg_words} {', '.join(legs).upper()}, {station:.0%} from the tool end"
 
 
 def _quoted(name: str) -> str:

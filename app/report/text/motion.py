@@ -10,6 +10,7 @@ from app.report.text.preparing import check_text, dry_run_text
 from app.report.text.session import continue_command
 from app.report.text.tables import paragraphs, uncertain, wrapped
 from calib.errors import sentence
+from calib.posterior.measurements import stand_words
 from calib.posterior.planning import FurtherSetUp, Reach
 from drivers.motion.controller import place_words
 from drivers.motion.states import State
@@ -209,6 +210,6 @@ def further_text(
 def _set_up_words(set_up: FurtherSetUp) -> str:
     count = len(set_up.legs) * len(set_up.displacements_mm)
     return (
-        f"leg {', '.join(set_up.legs)} at station {set_up.station:g}, {count} postures in "
+        f"{stand_words(set_up.legs, set_up.station)}, {count} postures in "
         f"{set_up.minutes:.0f} minutes: {uncertain(set_up.bound_mm)} mm expected"
     )

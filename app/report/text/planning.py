@@ -21,6 +21,7 @@ from calib.design.identifiability import SeenBy
 from calib.diagnosis.results import AliasMap, EffectName
 from calib.errors import GlidecalError
 from calib.posterior.expected import ExpectedParameter, ExpectedResult
+from calib.posterior.measurements import stand_words
 from calib.posterior.planning import WORTH, OutsideMeasurement, Reach, Separation
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures
@@ -226,16 +227,14 @@ def further_text(reach: Reach) -> str:
     table = new_table("further set-ups", "minutes in all", "tool at most, mm")
     table.add_row("none", "0", uncertain(reach.bound_mm))
     for set_up in reach.further:
-        where = f"leg {', '.join(set_up.legs)} at station {set_up.station:g}"
+        where = stand_words(set_up.legs, set_up.station)
         table.add_row(where, f"{set_up.minutes:.0f}", uncertain(set_up.bound_mm))
     stop = "More set-ups would lower it further."
     if reach.is_last:
-        stop = (
-            f"{'After that no' if reach.further else 'No'} set-up lowers the bound by a tenth: "
-            "more readings of legs would not help, as far as one can tell now."
-        )
+        subject = "After that none" if reach.further else "No set-up there and back"
+        stop = f"{subject} lowers the bound by a tenth, as far as one can tell now."
     if reach.further:
-        levels = ", ".join(f"{level:+g}" for level in reach.further[0].displacements_mm)
+        levels = ", ".join(f"{mm:+g}" if mm else "Zero" for mm in reach.further[0].displacements_mm)
         stop = f"Each is read there and back, both axes ({levels} mm). {stop}"
     return paragraphs(
         "Expected bound (95 %) of the tool error after set-ups in turn, r.m.s. over the workspace:",

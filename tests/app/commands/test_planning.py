@@ -14,9 +14,11 @@ import pytest
 
 from app.evaluating.loading import load_sessions
 from app.planning.tripod import next_measurement, tripod_planning
+from app.report.text.planning import further_text
 from calib.arrays import conditions, descending
 from calib.design.criteria import Criterion
 from calib.design.identifiability import seen_by
+from calib.posterior.planning import FurtherSetUp, Reach
 from calib.tripod.geometry import Geometry
 from calib.tripod.optimum import optimum_postures, visiting_order
 from calib.tripod.pipeline import derivatives
@@ -338,6 +340,17 @@ def test_plan_with_and_without_sessions(samples: Path) -> None:
     text = " ".join(glidecal("plan", samples / "simulated_zero-max-min.jsonl").out.split())
     assert text.startswith("Next, after simulated_zero-max-min.jsonl: leg ")
     assert "this lowers the bound (95 %) of the tool error from " in text
+
+
+def test_set_ups_in_turn_do_not_deny_the_proposal_above_them() -> None:
+    """Before: "more readings of legs would not help" below three legs that lower the bound."""
+    text = further_text(Reach(0.0044, ()))
+    assert "No set-up there and back lowers the bound by a tenth" in text
+    assert "would not help" not in text
+    set_up = FurtherSetUp(("x", "z"), 0.35, (0.0, 60.0, 0.0), 6.0, 0.003)
+    text = further_text(Reach(0.0044, (set_up,)))
+    assert "legs X, Z, 35% from the tool end" in text  # as the proposal has it
+    assert "(Zero, +60, Zero mm). After that none lowers" in " ".join(text.split())
 
 
 def test_plan_goes_to_the_legs_that_were_not_measured(tmp_path: Path) -> None:

@@ -111,6 +111,13 @@ class SessionDiagnosis(Tabled):
         """Noise of a single reading; None where repeats and indicators tell nothing."""
         return self.corrections.noise
 
+    @property
+    def names_geometry(self) -> bool:
+        """Whether a parameter of the machine is named, which the fit has within its tolerance."""
+        case = self.corrections.posterior.sessions[-1].with_free_lines.case
+        ids = {law.id for law in case.named_beyond}
+        return any(effect.id in ids for effect in self.diagnosis.effects)
+
     def table(self) -> DataTable:
         """A row for each size of what was named, then of the other candidates, best first."""
         names = {(effect.id, effect.where) for effect in self.diagnosis.effects}

@@ -40,6 +40,7 @@ from calib.diagnosis.results import (
 )
 from calib.posterior.correction import HOLDS, Holds
 from calib.quantity import probability_words
+from calib.stats import UNLIKELY
 from calib.tripod.effects.empirical import EMPIRICAL
 from protocols.data_table import DataTable
 
@@ -255,6 +256,12 @@ WITH_DISTANCES = (
 )
 
 
+GEOMETRY_FITTED = (
+    "The fit has such parameters of the machine within their tolerance, so the gap hardly shows "
+    "them. What is off by more than twice its tolerance is named."
+)
+
+
 def gap_text(diagnosed: SessionDiagnosis) -> str:
     """The gap in the readings and its chance, before and after what was named or guessed."""
     diagnosis, noise = diagnosed.diagnosis, diagnosed.noise
@@ -274,6 +281,8 @@ def gap_text(diagnosed: SessionDiagnosis) -> str:
         sentence += (
             f"\nWith {added}: {gap_after.rms_mm:.4f} mm; that {by_chance(gap_after.p_value)}."
         )
+    if diagnosed.names_geometry and gap_before.p_value > UNLIKELY:
+        sentence += f"\n{GEOMETRY_FITTED}"
     if any(session.distances for session in diagnosed.sessions):
         sentence += f"\n{WITH_DISTANCES}"
     return sentence

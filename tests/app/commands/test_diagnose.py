@@ -169,6 +169,16 @@ def test_the_bound_at_the_tool_and_what_lowers_it(tmp_path: Path, samples: Path)
     )
 
 
+def test_what_the_fit_has_already_is_no_contradiction_to_its_gap(tmp_path: Path) -> None:
+    """Before: named at a gap that "would happen by chance in most sessions", without a word."""
+    session = tmp_path / "s.jsonl"
+    words = ("--machine", "linear-delta", "--protocol", "bars", "--effect", "actuator_scale:y")
+    assert glidecal("simulate", *words, "--seed", "3", "-o", session).status == 0
+    text = " ".join(glidecal("diagnose", session).out.split())
+    assert text.startswith("EXPLAINED. What was missing is: a carriage travels too far")
+    assert "happen by chance in most sessions. The fit has such parameters of the machine" in text
+
+
 def test_a_session_on_both_sides_is_refused(tmp_path: Path, samples: Path) -> None:
     session = samples / "simulated_sweep.jsonl"
     assert "also diagnosed" in refused(2, "diagnose", session, "--held-out", session)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from app.evaluating.correction import CLEARLY_BETTER
 from app.evaluating.printer import FIRMWARE_TOWERS, drives_of_towers
 from app.exports.linuxcnc import for_joints, joint_files, known_lines, origin, short_lines
 from app.exports.linuxcnc_joints import joint_of_each_drive, joints_of_drives
@@ -78,12 +79,14 @@ def fitted(
         values = entered(kinematics.model, entries)
     else:
         best = result.corrections.of_towers(entries)
-        values, change = best.values, result.printer_change
+        values, change, frame = best.values, result.printer_change, result.frame
+        share = best.off.bound_in(frame) / result.corrections.off_now.bound_in(frame)
+        helps = change.helps if change else share < CLEARLY_BETTER
         remarks = [
             kinematics.bound,
             *left_out_lines(best.left_out),
             *doubt_lines(result),
-            *([NOT_WORTH_IT] if change and not change.helps else []),
+            *([] if helps else [NOT_WORTH_IT]),
         ]
         cautions = (*map(one_line, remarks), *offsets.cautions)
         kinematics = replace(kinematics, model=best.model, cautions=cautions)

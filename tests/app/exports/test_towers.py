@@ -365,6 +365,18 @@ def files(path: Path) -> list[str]:
     return [file.read_text() for file in paths]
 
 
+def test_a_file_warns_of_values_that_do_not_help_whoever_states_the_switches(
+    tmp_path: Path,
+) -> None:
+    """A sound machine, as `solve` warns. Before: silent where --endstops states the switches."""
+    session = tmp_path / "s.jsonl"
+    words = ("--machine", "linear-delta", "--protocol", "plate-rings", "--seed", "3")
+    assert glidecal("simulate", *words, "-o", session).status == 0
+    options = ("--endstops", "300,300,300", "-o", "-")
+    run = glidecal("export", session, "--format", "klipper", *options)
+    assert "WARNING: these values are not expected to make" in comments(run.out)
+
+
 def test_what_is_not_upright_or_stands_elsewhere_is_refused(tmp_path: Path) -> None:
     def said(status: int, printer: Machine, kind: str = "klipper", *options: str) -> str:
         model = tmp_path / "model.json"

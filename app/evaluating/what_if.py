@@ -284,7 +284,8 @@ def _of_the_catalogue(sessions: Sequence[Session]) -> Iterator[EffectEntry]:
     arrangements = candidates(model, conditions, laws)
     names = {(candidate.id, candidate.where) for candidate in arrangements}
     singles = (c for c in single_places(model, conditions, laws) if (c.id, c.where) not in names)
-    for candidate in (*arrangements, *singles):
+    place_of_id = {law.id: k for k, law in enumerate(laws)}
+    for candidate in sorted((*arrangements, *singles), key=lambda c: place_of_id[c.id]):
         yield _of_size_zero(candidate)
 
 

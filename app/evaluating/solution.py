@@ -19,7 +19,7 @@ from calib.identify.accuracy import Decision, decide
 from calib.identify.fit import plane_tilts_mrad
 from calib.identify.identify import IdentificationCase
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
-from calib.identify.solution import Difference, Estimate, Method, Solution, Subset, Weights
+from calib.identify.solution import Difference, Method, Solution, Subset, TabledEstimate, Weights
 from calib.identify.subset_choice import SubsetChoice
 from calib.noise.reading import (
     Noise,
@@ -318,8 +318,7 @@ class SessionSolution(Tabled):
         """
         check_choice("table", name, TableName)
         if name == "parameters":
-            estimates = {**self.solution.parameters, **self.solution.effect_sizes}
-            return DataTable.of(Estimate, estimates, "parameter")
+            return DataTable.of(TabledEstimate, self.solution.estimates, "parameter")
         if name == "differences":
             return DataTable.of(Difference, self.solution.tabulated, "difference")
         return _residuals(self)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -75,6 +75,20 @@ class Parameter(Estimate):
     """An identified parameter; the expanded uncertainty is for 95 %."""
 
     unit: Annotated[Literal["mm"], Quantity("unit", words="unit of value and uncertainties")] = "mm"
+
+
+@dataclass(frozen=True)
+class TabledEstimate(Estimate):
+    """An estimate, and what parts outside the set add to its uncertainty."""
+
+    expanded_uncertainty: Annotated[
+        float,
+        Quantity("parts as stated", "", "uncertainty", 0, "for 95 %, parts outside as stated"),
+    ]
+    expanded_with_tolerances: Annotated[
+        float,
+        Quantity("± U (95 %)", "", "uncertainty", 0, "parts outside the set within tolerances"),
+    ]
 
 
 @dataclass(frozen=True)
@@ -162,6 +176,17 @@ class Solution:
         }
 
     @property
+    def estimates(self) -> dict[str, TabledEstimate]:
+        """Parameters, and sizes, to whose uncertainty parts outside the set add nothing."""
+        by_name = {**self.parameters, **self.effect_sizes}
+        expanded = [estimate.expanded_uncertainty for estimate in by_name.values()]
+        expanded[: len(self.names)] = self.expanded_with_tolerances_mm.tolist()
+        return {
+            name: TabledEstimate(**asdict(estimate), expanded_with_tolerances=mm)
+            for (name, estimate), mm in zip(by_name.items(), expanded, strict=True)
+        }
+
+    @property
     def tabulated(self) -> dict[str, Difference]:
         """The differences of the papers, up to twelve, by name."""
         measured, u = self.differences, self.difference_uncertainty_mm
@@ -175,6 +200,12 @@ class Solution:
     def expanded_with_tolerances_mm(self) -> FloatArray:
         """Expanded uncertainties (95 %) ``(k,)`` with all outside the set off within tolerances."""
         return self._with_tolerances(self.outside)
+
+    @property
+    def uncertainty_with_tolerances_mm(self) -> FloatArray:
+        """Standard uncertainties ``(k,)`` behind `expanded_with_tolerances_mm`."""
+        off_mm = self._off_mm(self.outside) / coverage_factor(math.inf)
+        return np.asarray(np.hypot(self.uncertainty_mm, off_mm))
 
     @property
     def expanded_of_difference_mm(self) -> FloatArray | None:

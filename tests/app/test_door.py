@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -70,6 +71,12 @@ def test_tables_of_a_solution_are_its_numbers() -> None:
     assert {name: row["value_mm"] for name, row in differences.iterrows()} == {
         name: entry["value"] for name, entry in document.items()
     }
+    parameters = result.to_frame().set_index("parameter")
+    text = command("solve", SESSION).out
+    (shown,) = re.findall(r"d_rho_x +[-+]\S+ +(\d\S+) +(\d\S+)\n", text)  # ± U, and of noise
+    stated = parameters.loc["d_rho_x", ["expanded_with_tolerances", "expanded_uncertainty"]]
+    assert tuple(f"{mm:.4f}" for mm in stated) == shown
+    assert ">± U (95 %)</th>" in result._repr_html_()
     residuals = result.to_frame("residuals")
     assert residuals["residual_mm"].tolist() == result.solution.residual_mm.tolist()
     assert residuals["value_mm"].tolist() == [visit.value_mm for _, visit in result.visits]

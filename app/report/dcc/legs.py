@@ -90,13 +90,11 @@ def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
 
 def _of_view(view: Solution) -> Result:
     """The parameters of one set of the papers."""
-    columns = (view.values_mm, view.expanded_mm, view.uncertainty_mm)
+    expanded_mm, standard_mm = view.expanded_with_tolerances_mm, view.uncertainty_with_tolerances_mm
+    columns = (view.values_mm, expanded_mm, standard_mm)
     return Result(
         f"Identified parameters, set {view.subset}",
-        "The uncertainty is of the noise of the readings and of parts within their tolerance."
-        if view.subset == "with-tolerances"
-        else "The uncertainty is of the noise of the readings alone; parts may be off within their "
-        "tolerance beside it.",
+        "The uncertainty is of the noise of the readings and of parts within their tolerance.",
         [
             value_in_mm(name, value, (wide, u))
             for name, value, wide, u in zip(

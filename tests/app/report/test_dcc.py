@@ -12,6 +12,7 @@ from types import ModuleType
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from app.evaluating.solution import solve_files
@@ -297,9 +298,12 @@ def test_uncertainties_are_expanded_or_intervals(order: Path) -> None:
     result = solve_files([SAMPLES / "simulated_two-station.jsonl"])
     standard_mm, expanded_mm = result.corrections.uncertainties_mm()
     view = result.solution
+    every_mm = view.expanded_with_tolerances_mm  # as on paper: of the noise alone it was a tenth
+    parts_mm = np.sqrt(every_mm**2 - view.expanded_mm**2) / 1.959964
+    standards_mm = np.hypot(view.uncertainty_mm, parts_mm)
     stated = [
         *zip(standard_mm.tolist(), expanded_mm.tolist(), strict=True),
-        *zip(view.uncertainty_mm.tolist(), view.expanded_mm.tolist(), strict=True),
+        *zip(standards_mm.tolist(), every_mm.tolist(), strict=True),
     ]
     reals = [
         real

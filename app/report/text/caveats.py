@@ -78,12 +78,9 @@ def _of_the_fit(result: SessionSolution) -> Iterator[str]:
     for subset, problem in refused.items():
         yield f"LEFT OUT: {SUBSET_WORDS[subset]}: {problem.found}."
     if "both" in refused:
-        right = "the other parameters are nominal"
-        if solution.subset == "with-tolerances":
-            right = "the parts are within their tolerances"
         yield (
-            f"All figures are valid only if {right}: these readings show neither an error there "
-            "nor what it does at the tool."
+            "Identified parameters are valid within ± U only if parts are within their tolerances: "
+            "these readings show neither a larger error nor what it does at the tool."
         )
     if solution.beyond_tolerance and not result.is_part_of_the_model:
         parts_beyond = ", ".join(

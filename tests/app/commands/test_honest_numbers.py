@@ -116,7 +116,7 @@ def test_lengths_that_hide_behind_the_noise_are_told(tmp_path: Path) -> None:
     run = solved(tmp_path, table, "--subset", "joint-offsets")
     head = " ".join(below_the_view(run.out)[2].split())
     assert "LEFT OUT: joint offsets and leg lengths: 3 of 6 combinations not identifiable" in head
-    assert "All figures are valid only if the other parameters are nominal" in head
+    assert "Identified parameters are valid within ± U only if parts are within" in head
 
 
 def test_a_table_of_values_without_uncertainty_has_no_column_for_it() -> None:

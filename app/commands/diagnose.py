@@ -64,7 +64,9 @@ def diagnose(
     correct: Annotated[
         Path | None, file("Write a copy of the session with the named mistakes corrected.")
     ] = None,
-    held_out: Annotated[list[Path] | None, file("Session for the gap only; repeat.")] = None,
+    held_out: Annotated[
+        list[Path] | None, file("Session for the gap only; may be repeated.")
+    ] = None,
     next_procedure: Annotated[
         Path | None, file("Write the next measurement as a procedure.", "--next")
     ] = None,

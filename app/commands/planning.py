@@ -133,12 +133,14 @@ def postures(
 def plan(
     context: typer.Context,
     sessions: Annotated[list[Path] | None, argument("Sessions already measured.")] = None,
-    session: Annotated[list[Path] | None, file("The same as an option.", to_read=True)] = None,
+    session: Annotated[
+        list[Path] | None, file("Session already measured; may be repeated.", to_read=True)
+    ] = None,
     machine: Machine = None,
     as_json: AsJson = False,
     **own: Any,  # noqa: ANN401 (as above)
 ) -> None:
-    """The set-up that lowers the tool error most. Per minute, of those to be added.
+    """What to measure next. The set-up that lowers the bound most per minute.
 
     With --macro the places of a plate, as G-code for the probe of a printer.
     """

@@ -65,7 +65,7 @@ def solve(
     as_json: AsJson = False,
     **own: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
-    """Parameters with uncertainties from sessions. Also differences and residuals."""
+    """Values to enter, their uncertainty, the tool error. Then parameters and residuals."""
     family = family_of_files(machine, sessions)
     options = options_of(
         context, family, family.measured, own, lambda family_beside: family_beside.measured

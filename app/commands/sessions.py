@@ -74,8 +74,8 @@ def import_table(
     source: Annotated[
         list[Path],
         argument(
-            "Table of readings (.csv or .xlsx), or files of a printer: its configuration, a log of "
-            "its probe.",
+            "Table of readings (.csv, .xlsx, .parquet), or files of a printer: its configuration, "
+            "a log of its probe.",
             to_read=False,  # with --template it is written
         ),
     ],

@@ -173,7 +173,8 @@ class SolveOptions:
     """Options of ``solve``."""
 
     subset: Annotated[
-        SubsetName | None, option("Set of parameters to view; default: joint-offsets.")
+        SubsetName | None,
+        option("Set of parameters to view; default: joint-offsets, else with-tolerances."),
     ] = None
     method: Method = "exact"
     frame: FrameName = None
@@ -209,7 +210,7 @@ def _check_options(options: SolveOptions) -> None:
 
 
 def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
-    """Parameters with uncertainties from sessions. Raises UsageError for what they do not allow."""
+    """Values to enter and parameters of sessions. Raises UsageError for what they do not allow."""
     from app.evaluating.solution import solve_files
 
     _check_options(options)

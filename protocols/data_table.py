@@ -223,11 +223,23 @@ def lines_of(path: Path, most_rows: int) -> tuple[Texts, bool]:
         StringIO(text, newline=""), strict=True, delimiter=";" if semicolons else ","
     )
     try:
-        return [(lines.line_num, values) for values in lines], semicolons
+        rows = [(lines.line_num, values) for values in lines]
+        width = len(_without_end(rows[0][1], 0)) if rows else 0
+        return [(line, _without_end(values, width)) for line, values in rows], semicolons
     except csv.Error as problem:
         raise RecordError(
             f"table {path}, line {lines.line_num}", str(problem), "comma separated values"
         ) from problem
+
+
+def _without_end(cells: list[str], width: int) -> list[str]:
+    """The cells up to this width; beyond it without empty ones at the end.
+
+    Spreadsheets write these where a cell beside the table was once in use.
+    """
+    while len(cells) > width and not cells[-1].strip():
+        cells = cells[:-1]
+    return cells
 
 
 def parquet_rows(path: Path, most_rows: int) -> Texts:

@@ -258,7 +258,8 @@ def off_bar_words(readings: Sequence[Reading], geometry: Geometry) -> str:
 def rows_of_table(path: Path) -> tuple[list[Row], tuple[str, ...]]:
     """Rows of a table, and its columns that nobody knows. Raises RecordError naming the place."""
     lines, semicolons = lines_of(path, MOST_ROWS + 2)
-    header = [unprotected(name.strip()) for name in lines[0][1]] if lines else []
+    names = [unprotected(name.strip()) for name in lines[0][1]] if lines else []
+    header = [name or f"column {number}" for number, name in enumerate(names, start=1)]
     _check_header(path, header)
     filled = [(line, values) for line, values in lines[1:] if any(v.strip() for v in values)]
     fields = [(line, _fields(path, line, header, values)) for line, values in filled]

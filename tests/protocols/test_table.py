@@ -187,6 +187,20 @@ def test_semicolons_and_decimal_commas_are_the_same_table(tmp_path: Path) -> Non
     assert [r.value_mm for r in points] == [r.value_mm for r in plain]
 
 
+def test_empty_columns_of_a_spreadsheet_are_none(tmp_path: Path) -> None:
+    """Two at the end were "'' twice", one was kept under no name."""
+    table = f"{HEADER}\nx,y,0,0.10\nx,y,-59.5,-1.25\n"
+    plain, _ = read(tmp_path, table)
+    for end in (",", ",,"):
+        wide, unknown = read(tmp_path, table.replace("\n", f"{end}\n") + ",,,,,,\n")
+        assert not unknown
+        assert [r.value_mm for r in wide] == [r.value_mm for r in plain]
+    with pytest.raises(RecordError, match="found 6 fields"):
+        read(tmp_path, table.replace("\n", ",\n").replace("0.10,", "0.10,,a note"))
+    _, unknown = read(tmp_path, f"leg,,{HEADER[4:]}\nx,,y,0,0.10\nx,,y,60,0.20\n")
+    assert unknown == ("column 2",)
+
+
 @pytest.mark.parametrize("odd", ["1.234", "1.234,5", "0,1,2", ",", "1,5e", "0,1 "])
 def test_one_decimal_mark_in_a_table(tmp_path: Path, odd: str) -> None:
     table = f"{german(HEADER)}\nx;y;0;0,10\nx;y;60;{odd}\n"

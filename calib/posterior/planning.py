@@ -21,6 +21,7 @@ from calib.posterior.library import ELSE
 from calib.posterior.measurements import FurtherMeasurement, MeasurementPreparation
 from calib.posterior.mixture import ExpectedReadings
 from calib.posterior.models import Posterior
+from calib.tripod.effects.drives import StraightnessOfFourthOrder
 from calib.tripod.effects.empirical import EMPIRICAL
 
 WORTH = 0.9
@@ -71,7 +72,7 @@ class Separation:
         """The measurement and what it decides between."""
         verb = "decides" if self.apart >= DECISIVE else "helps to decide"
         names = [" with ".join(starmap(_place_words, name)) for name in self.names]
-        names = [name or "no named effect" for name in names]
+        names = [name or "no effect" for name in names]
         return f"{self.candidate.words}; it {verb} between {', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -79,7 +80,8 @@ def _place_words(name: str, where: str) -> str:
     """An effect and its place; what is everywhere and has no name has no place to state."""
     if name == ELSE:
         return "an effect without a name"
-    return f"an unnamed effect ({where})" if name == EMPIRICAL else f"{name} ({where})"
+    unnamed = name in (EMPIRICAL, StraightnessOfFourthOrder.id)
+    return f"{'an unnamed effect' if unnamed else name} ({where})"
 
 
 @dataclass(frozen=True)

@@ -272,9 +272,13 @@ def gap_text(diagnosed: SessionDiagnosis) -> str:
             "without a scatter of repeats or a stated noise it may be chance."
         )
     noise_words = uncertain(noise.standard_deviation_mm, 4)
+    mistakes = mistakes_of(diagnosed)
+    is_corrected = any(mistake.gap_rms_before_mm > gap_before.rms_mm for mistake in mistakes)
+    begin = "With the mistakes of the readings corrected the gap is" if is_corrected else "Gap"
     sentence = (
-        f"Gap {gap_before.rms_mm:.4f} mm r.m.s. beyond the scatter of repeats (noise of a reading "
-        f"{noise_words} mm), {freedom_words(gap_before)}; it {by_chance(gap_before.p_value)}."
+        f"{begin} {gap_before.rms_mm:.4f} mm r.m.s. beyond the scatter of repeats (noise of a "
+        f"reading {noise_words} mm), {freedom_words(gap_before)}; "
+        f"it {by_chance(gap_before.p_value)}."
     )
     if gap_after != gap_before:
         added = "what was named" if diagnosis.effects else "the best guess"

@@ -64,6 +64,8 @@ def test_the_new_record_is_the_session_without_the_mistake(kind: str, tmp_path: 
     run = glidecal("diagnose", bad, "--correct", new)
     assert run.status == 0, run.err
     assert bad.read_bytes() == before
+    # not "Gap 0.0011 mm" above "gap 0.1200 → 0.0011 mm"
+    assert "With the mistakes of the readings corrected the gap is" in " ".join(run.out.split())
     session = folded(new)
     (remark,) = session.opened.remarks
     assert remark.startswith(f"Corrected from bad.jsonl, digest {read_record(bad).digest}: ")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from types import SimpleNamespace
 from typing import Any, cast
@@ -213,6 +213,9 @@ def test_names_that_are_one_in_other_words_are_not_separated() -> None:
     decides = planner([5.0], forecast, posterior).separation
     assert decides is not None
     assert "it decides between a (x) and b (x)" in decides.words
+    laws = (), (("straightness_fourth", "yx"),)  # nobody can look this id up
+    words = replace(decides, names=laws).words
+    assert words.endswith("it decides between no effect and an unnamed effect (yx)")
 
 
 def test_names_are_as_near_as_their_nearest_models_either_being_true() -> None:

@@ -13,6 +13,7 @@ from app.report.text.tables import new_table, paragraphs, result_table
 from calib.hexaslide.causes import AdoptedEffect
 from calib.hexaslide.diagnosis import CauseSize, HexaSlideDiagnosis, Names
 from calib.hexaslide.platform import PlatformError
+from calib.quantity import probability_words
 from protocols.data_table import DataTable
 from protocols.hexaslide_model import HexaSlideModel
 
@@ -135,7 +136,7 @@ def diagnosis_parts(diagnosis: HexaSlideDiagnosis) -> list[str | Table]:
     """The diagnosis as sentences and tables, without the heading."""
     claims = new_table("what may be missing", "probability")
     for claim in diagnosis.claims[:MOST_CLAIMS]:
-        claims.add_row(_title(claim.causes), f"{100.0 * claim.weight:.0f} %")
+        claims.add_row(_title(claim.causes), probability_words(claim.weight))
     lines = [
         f"What is left, in variances of the noise: {diagnosis.gap_before:.3g} before (p = "
         f"{diagnosis.p_before:.2g}), {diagnosis.gap_after:.3g} after (p = {diagnosis.p_after:.2g})."

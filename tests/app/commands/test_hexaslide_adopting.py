@@ -100,6 +100,13 @@ def test_beside_the_model_nothing_is_missing(scaled: Measured) -> None:
     assert "second.jsonl: agrees Beside the model's scale of rail 3." in text
 
 
+def test_a_probability_is_neither_nothing_nor_certain(scaled: Measured) -> None:
+    """As of a tripod; rare causes were "0 %"."""
+    text = glidecal("diagnose", scaled.second).out
+    assert re.search(r"\n scale of rail 3 +0\.9\d\n", text)
+    assert re.search(r"\n scale of rail 3 and [a-z0-9 ]+ < 0\.01\n", text)
+
+
 def test_solve_fits_the_size_beside_the_parameters(scaled: Measured) -> None:
     without, beside = (
         json.loads(glidecal("solve", scaled.second, *options, "--held-out", "0", "--json").out)

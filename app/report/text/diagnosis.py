@@ -122,7 +122,7 @@ def diagnosis_text(diagnosed: SessionDiagnosis, adopted: AdoptedTool | None = No
         *_support(diagnosed),
         tool_text(diagnosed.tool),
         adopted_text(adopted, diagnosed.tool) if adopted else "",
-        f"Where readings and model disagree\n{shares_text(diagnosis.where)}",
+        f"{GAP_LIES}\n{shares_text(diagnosis.where)}",
         candidates_text(diagnosis),
         *_detectable(diagnosis),
         *changed_lines(diagnosed.corrections, diagnosed.names),
@@ -250,6 +250,8 @@ def _pattern(diagnosed: SessionDiagnosis) -> list[str]:
     ]
     return [wrapped(sentence), *pairs]
 
+
+GAP_LIES = "Where the gap lies (shares overlap)"
 
 WITH_DISTANCES = (
     "The chances include the distances between marks; the millimetres are of the readings alone."
@@ -475,7 +477,7 @@ def where_text(diagnosed: SessionDiagnosis) -> str:
         *parts,
         f"▲ ▼ more than {SEEN:.0f}, ▲▲ ▼▼ more than {STRONG:.0f} standard deviations of a mean"
         + ("\n↑ ↓ reached while moving up, down" if _both_ways(cells) else ""),
-        f"Where the gap lies\n{shares_text(diagnosed.diagnosis.where)}",
+        f"{GAP_LIES}\n{shares_text(diagnosed.diagnosis.where)}",
     )
 
 

@@ -172,7 +172,7 @@ class DriftWithTime(DriftOfStand):
 
     id = "thermal_drift"
     title = "readings drift steadily with time"
-    controller = "nothing to enter: let the machine and the stand come to rest in temperature"
+    controller = "nothing to enter: wait until the temperatures of machine and stand are steady"
 
     def places(self, conditions: Conditions) -> tuple[str, ...]:
         """Every measuring axis."""

@@ -63,17 +63,16 @@ def _of_the_fit(result: SessionSolution) -> Iterator[str]:
     fit = solution.lack_of_fit
     if fit and solution.lacks_fit and result.is_part_of_the_model:
         yield (
-            f"These parameters alone leave {math.sqrt(fit.statistic):.1f} times the noise. With "
-            "the lines of the drives, for which the values to enter allow, nothing is missing."
+            f"The identified parameters alone leave {math.sqrt(fit.statistic):.1f} times the noise. "
+            "With the lines of the drives, for which the values to enter allow, nothing is missing."
         )
     elif fit and solution.lacks_fit:
         larger = float(solution.inflated_expanded_mm.max())
         yield (
-            f"WARNING: the residual is {math.sqrt(fit.statistic):.1f} times the noise: these "
-            "parameters alone do not explain the readings (glidecal diagnose). With the residual "
-            "as noise the "
-            f"uncertainty is ±{uncertain(larger)} mm (k = {solution.lack_of_fit_factor:.3f}, "
-            f"{free_words(fit.degrees_of_freedom)})."
+            f"WARNING: the residual is {math.sqrt(fit.statistic):.1f} times the noise: the "
+            "identified parameters alone do not explain the readings (glidecal diagnose). With the "
+            f"residual as noise their uncertainty is ±{uncertain(larger)} mm "
+            f"(k = {solution.lack_of_fit_factor:.3f}, {free_words(fit.degrees_of_freedom)})."
         )
     for subset, problem in refused.items():
         yield f"LEFT OUT: {SUBSET_WORDS[subset]}: {problem.found}."

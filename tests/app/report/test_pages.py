@@ -102,7 +102,7 @@ def test_the_result_stands_in_it(experiment: CalibrationReport) -> None:
     assert f"{solution.rms_before_mm:.4f} → {solution.rms_after_mm:.4f} mm" in text
     assert read_record(EXPERIMENT).digest in text
     assert "UNEXPLAINED" in text
-    assert "times the noise: these parameters alone do not" in text
+    assert "times the noise: the identified parameters alone do not" in text
     rows = re.findall(r"leg [XYZ] at [+-]\d+ mm [+-]\d\.\d{4}", text)
     assert len(rows) == 18, "three postures on three legs along two axes"
 

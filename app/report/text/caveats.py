@@ -63,7 +63,7 @@ def _of_the_fit(result: SessionSolution) -> Iterator[str]:
     fit = solution.lack_of_fit
     if fit and solution.lacks_fit and result.is_part_of_the_model:
         yield (
-            f"The identified parameters alone leave {math.sqrt(fit.statistic):.1f} times the noise. "
+            f"Identified parameters alone leave {math.sqrt(fit.statistic):.1f} times the noise. "
             "With the lines of the drives, for which the values to enter allow, nothing is missing."
         )
     elif fit and solution.lacks_fit:

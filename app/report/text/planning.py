@@ -235,7 +235,7 @@ def further_text(reach: Reach) -> str:
         stop = f"{subject} lowers the bound by a tenth, as far as one can tell now."
     if reach.further:
         levels = ", ".join(f"{mm:+g}" if mm else "Zero" for mm in reach.further[0].displacements_mm)
-        stop = f"Each is read there and back, both axes ({levels} mm). {stop}"
+        stop = f"Each is read there and back, both axes; the first at {levels} mm. {stop}"
     return paragraphs(
         "Expected bound (95 %) of the tool error after set-ups in turn, r.m.s. over the workspace:",
         table,

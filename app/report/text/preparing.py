@@ -49,12 +49,12 @@ def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[
         repeats = f"{in_place} repeats do not leave their posture: they show the indicator only."
     shuffled = ""
     if procedure.random_seed is not None:
-        shuffled = f" Order shuffled in each cycle, seed {procedure.random_seed}."
-    return (
+        shuffled = f"Order shuffled in each cycle, seed {procedure.random_seed}."
+    sentence = (
         f"{procedure.title}. {steps} steps with {indicators} indicator"
-        f"{'s' if indicators > 1 else ''}, about {minutes:.0f} minutes. "
-        f"{procedure.description} {repeats}{shuffled}"
+        f"{'s' if indicators > 1 else ''}, about {minutes:.0f} minutes."
     )
+    return " ".join(filter(None, (sentence, procedure.description, repeats, shuffled)))
 
 
 def indicator_fields(form: Form, names_by_port: Mapping[str, str]) -> Iterator[FormField]:

@@ -15,6 +15,7 @@ import pytest
 from app.evaluating.loading import load_sessions
 from app.planning.tripod import next_measurement, tripod_planning
 from app.report.text.planning import further_text
+from app.report.text.preparing import procedure_sentence
 from calib.arrays import conditions, descending
 from calib.design.criteria import Criterion
 from calib.design.identifiability import seen_by
@@ -350,7 +351,15 @@ def test_set_ups_in_turn_do_not_deny_the_proposal_above_them() -> None:
     set_up = FurtherSetUp(("x", "z"), 0.35, (0.0, 60.0, 0.0), 6.0, 0.003)
     text = further_text(Reach(0.0044, (set_up,)))
     assert "legs X, Z, 35% from the tool end" in text  # as the proposal has it
-    assert "(Zero, +60, Zero mm). After that none lowers" in " ".join(text.split())
+    text = " ".join(text.split())  # levels of other stations are others
+    assert "both axes; the first at Zero, +60, Zero mm. After that none lowers" in text
+
+
+def test_a_procedure_without_a_description_leaves_no_gap_in_its_sentence() -> None:
+    geometry = Geometry()
+    plain = load_procedure("zero-max-min", geometry).model_copy(update={"description": ""})
+    text = procedure_sentence(plain, geometry, ("yx", "zy"))
+    assert "about 10 minutes. Every repeat" in text
 
 
 def test_plan_goes_to_the_legs_that_were_not_measured(tmp_path: Path) -> None:

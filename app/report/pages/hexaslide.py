@@ -104,15 +104,17 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
     document = HexaSlideCalibrationReport.of(calibration)
     calibrated = machine_like(calibration.source.machine, "", calibration.entered)
     enter = ENTER if is_shown_better(document) else KEEP
+    entered = later is not None
+    errors = _errors(document, entered=entered)
     simulated = any(session.opened.origin == "simulated" for session, _ in certified.sessions)
     return CalibrationReport(
         machine=calibration.source.machine.full_name,
         decision=_decision(certified),
-        sentences=(_at_most(document), verdict_line(result)),
+        sentences=(_at_most(document, entered=entered), verdict_line(result)),
         first_page=[
             Section("", [_object(certified), SIMULATED if simulated else ""]),
             Section("Traceability", _traceability(certified)),
-            Section("Result", [_errors(document), RULE, enter, *_moved(calibration, calibrated)]),
+            Section("Result", [errors, RULE, enter, *_moved(calibration, calibrated)]),
         ],
         second_page=[
             Section("Entered and verified", _verified(later.verification if later else None)),
@@ -168,11 +170,13 @@ def _judged(
     return f"{decision.upper()}, {when}: {off_words(result, tolerance_mm)}"
 
 
-def _at_most(document: HexaSlideCalibrationReport) -> str:
+def _at_most(document: HexaSlideCalibrationReport, *, entered: bool) -> str:
+    """What the platform keeps with the calibrated machine; ``entered``: it was measured since."""
     bound_mm = document.platform.bound_rms_mm
     if bound_mm is None:
         return "What the platform is off by with the calibrated machine is not known."
-    return f"With the calibrated machine the platform is off by at most {bound_mm:.3g} mm (95 %)."
+    begin = "Predicted with the calibrated machine:" if entered else "With the calibrated machine"
+    return f"{begin} the platform is off by at most {bound_mm:.3g} mm (95 %)."
 
 
 def _object(certified: CertifiedPostures) -> Table:
@@ -207,10 +211,11 @@ def _traceability(certified: CertifiedPostures) -> list[str | Table]:
     ]
 
 
-def _errors(document: HexaSlideCalibrationReport) -> Table:
-    """What the platform is off by, now and with the calibrated machine."""
+def _errors(document: HexaSlideCalibrationReport, *, entered: bool) -> Table:
+    """What the platform is off by, now, or before it was ``entered``, and calibrated."""
     platform = document.platform
-    table = new_table("error of the platform over the box, mm", "now", "calibrated, 95 % bound")
+    when = "before" if entered else "now"
+    table = new_table("error of the platform over the box, mm", when, "calibrated, 95 % bound")
     bound = "not known" if platform.bound_rms_mm is None else f"{platform.bound_rms_mm:.3g}"
     table.add_row("r.m.s.", f"{platform.now_rms_mm:.3g}", bound)
     table.add_row("worst", f"{platform.now_worst_mm:.3g}", "")

@@ -68,6 +68,7 @@ def test_the_report_says_what_is_to_be_entered(pair: tuple[Path, Path], tmp_path
     assert "NOT IDENTIFIABLE, left as the machine file has it: platform frame turned" in text
     assert "SIMULATED" in text
     assert "No session after the calibrated machine was entered" in text
+    assert "error of the platform over the box, mm now calibrated" in text
     assert output.read_text("utf-8").count("data:image/svg+xml") == 2
 
 
@@ -81,6 +82,8 @@ def test_a_later_session_decides(pair: tuple[Path, Path], tmp_path: Path) -> Non
     text = words(html_of(source_of_postures(before, after).page()))
     assert text.count("PASS") == 2, "as the decision, and where it was verified"
     assert f"tolerance {TOLERANCE_MM:g} mm" in text
+    assert "Predicted with the calibrated machine: the platform is off by at most" in text
+    assert "error of the platform over the box, mm before calibrated" in text  # it was "now"
     streamed = glidecal("report", before, "--after", after, "-o", "-")
     assert words(streamed.out) == text
 

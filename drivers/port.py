@@ -34,6 +34,9 @@ SLICE_S = 0.05
 OVER_A_NETWORK = ("socket", "rfc2217")
 """The URLs of pyserial that lead to a device; its others write files, log, or search."""
 
+NO_WORDS = "n/a"
+"""What pyserial has for a port of which the system says nothing."""
+
 WRITE_S = 0.5
 """A request is a few bytes: a port that does not take them is blocked."""
 
@@ -75,10 +78,15 @@ def open_serial(
 
 
 def ports_here() -> list[ListPortInfo]:
-    """The serial ports of this computer by name; nothing is opened."""
+    """The serial ports of this computer by name; nothing is opened. What is not known is None."""
     from serial.tools import list_ports
 
-    return sorted(list_ports.comports())
+    ports: list[ListPortInfo] = sorted(list_ports.comports())
+    for port in ports:
+        for name in ("description", "hwid"):
+            if getattr(port, name) == NO_WORDS:
+                setattr(port, name, None)
+    return ports
 
 
 def check_port(port: str) -> None:

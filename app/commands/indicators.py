@@ -108,7 +108,8 @@ def ports(as_json: AsJson = False) -> None:
         return
     typer.echo("Serial ports:")
     for port in report.ports:
-        typer.echo(f"  {port.port}  {port.description}  {port.hardware}")
+        words = filter(None, (port.port, port.description, port.hardware))
+        typer.echo(f"  {'  '.join(words)}")
     if not report.ports:
         typer.echo("  none; plug the indicator in and try again")
     typer.echo("Indicator profiles:")

@@ -104,11 +104,7 @@ def port_is_gone(port: str) -> bool:
 
 def serial_ports() -> list[tuple[str, str]]:
     """The serial ports of this computer and what the system says of each; nothing is opened."""
-    return [
-        # what pyserial has for a port of which the system says nothing
-        (port.device, "" if port.description in (None, "n/a") else port.description)
-        for port in ports_here()
-    ]
+    return [(port.device, port.description or "") for port in ports_here()]
 
 
 def adapters() -> dict[str, str]:

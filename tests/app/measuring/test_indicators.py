@@ -64,7 +64,8 @@ class Port:
     device: str
     serial_number: str | None
     location: str | None = None
-    description: str = "USB serial"
+    description: str | None = "USB serial"
+    hwid: str | None = "n/a"
 
     def __lt__(self, other: Port) -> bool:
         return self.device < other.device
@@ -72,6 +73,14 @@ class Port:
 
 def plugged(monkeypatch: pytest.MonkeyPatch, *ports: Port) -> None:
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: list(ports))
+
+
+def test_what_the_system_does_not_say_of_a_port_is_null(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was the "n/a" of pyserial, twice in the text and in JSON."""
+    plugged(monkeypatch, Port("/dev/ttyS0", None, description="n/a"))
+    (document,) = json.loads(glidecal("ports", "--json").out)["ports"]
+    assert document == {"port": "/dev/ttyS0", "description": None, "hardware": None}
+    assert "Serial ports:\n  /dev/ttyS0\n" in glidecal("ports").out
 
 
 def test_an_adapter_is_known_under_another_name_by_its_serial_number(

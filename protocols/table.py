@@ -111,6 +111,8 @@ class Row:
                 next_step = (
                     "Replace the decimal comma by a point, or the commas between columns by ;"
                 )
+            if "−" in text:  # of a word processor; it looks like a hyphen
+                next_step = "Write minus as -, as on a keyboard."
             raise self.fault(column, f"a finite number with a decimal {word}", next_step)
         return plain
 

@@ -187,6 +187,12 @@ def test_semicolons_and_decimal_commas_are_the_same_table(tmp_path: Path) -> Non
     assert [r.value_mm for r in points] == [r.value_mm for r in plain]
 
 
+def test_a_minus_of_a_word_processor_is_told(tmp_path: Path) -> None:
+    """"found '−60'. Allowed: a finite number" says nothing: both look alike."""
+    with pytest.raises(RecordError, match=r"found '−60'.*Write minus as -"):
+        read(tmp_path, f"{HEADER}\nx,y,0,0.1\nx,y,−60,0.2\n")
+
+
 def test_empty_columns_of_a_spreadsheet_are_none(tmp_path: Path) -> None:
     """Two at the end were "'' twice", one was kept under no name."""
     table = f"{HEADER}\nx,y,0,0.10\nx,y,-59.5,-1.25\n"

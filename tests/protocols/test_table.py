@@ -188,7 +188,7 @@ def test_semicolons_and_decimal_commas_are_the_same_table(tmp_path: Path) -> Non
 
 
 def test_a_minus_of_a_word_processor_is_told(tmp_path: Path) -> None:
-    """ "found '−60'. Allowed: a finite number" says nothing: both look alike."""
+    """It looks like a hyphen: "found '−60'. Allowed: a finite number" says nothing."""
     with pytest.raises(RecordError, match=r"found '−60'.*Write minus as -"):
         read(tmp_path, f"{HEADER}\nx,y,0,0.1\nx,y,−60,0.2\n")
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from datetime import date
 from functools import cache
 from importlib import resources
 
 from jinja2 import Environment, StrictUndefined, Template
 
-from app.report.certificate import CertificateHead
+from app.report.certificate import CertificateHead, Certified
 from app.version import version
 from calib.errors import UsageError
 from calib.printable import printable
-from protocols.certificate import InstrumentIdentity
+from protocols.dates import is_dated, measured_days
 
 COVERAGE_PROBABILITY = 0.95
 
@@ -69,43 +68,6 @@ class Result:
     quantities: Sequence[CertifiedValue]
 
 
-@dataclass(frozen=True)
-class RecordedSession:
-    """A record that the results are from, with its first and its last day."""
-
-    name: str
-    digest: str
-    days: tuple[date, date]
-    dated: bool
-    simulated: bool
-    temperature_c: float | None
-    procedure: str
-
-
-@dataclass(frozen=True)
-class CertificateContents:
-    """What a certificate says of a calibrated machine, whichever kind it is.
-
-    ``serial_numbers`` are of the machine: a second one is that of the record, where the order
-    states another. ``limits`` are what a reader must know first. ``conformities`` are what was
-    judged, each with its decision, against a ``tolerance_mm`` of what is ``moved``, the tool or the
-    platform.
-    """
-
-    head: CertificateHead
-    machine: str
-    serial_numbers: Sequence[str]
-    sessions: Sequence[RecordedSession]
-    instruments: Sequence[InstrumentIdentity]
-    traceability: str
-    completeness: str
-    limits: Sequence[str]
-    results: Sequence[Result]
-    moved: str
-    conformities: Sequence[tuple[str, str]]
-    tolerance_mm: float | None
-
-
 def check_head(head: CertificateHead | None) -> CertificateHead:
     """What the schema asks for is stated. Raises UsageError."""
     thing = "a certificate as XML"
@@ -121,21 +83,25 @@ def check_head(head: CertificateHead | None) -> CertificateHead:
     return head
 
 
-def certificate_xml(contents: CertificateContents) -> str:
-    """The certificate, not signed."""
-    sessions = contents.sessions
+def certificate_xml(certified: Certified, results: Iterable[Result]) -> str:
+    """The certificate, not signed. Raises as `check_head`."""
+    head, records = check_head(certified.head), certified.records
+    procedures = [record.opened.procedure for record in records]
     text = _template().render(
-        contents=contents,
-        order=contents.head.order,
-        laboratory=contents.head.laboratory,
-        days=sorted(day for session in sessions for day in session.days),
-        procedures=list(dict.fromkeys(session.procedure for session in sessions)),
+        certified=certified,
+        results=list(results),
+        decisions=[pair for pair in certified.decisions.items() if pair[1]],
+        order=head.order,
+        laboratory=head.laboratory,
+        days=sorted(day for r in records for day in measured_days(r.opened, r.readings)),
+        dated=all(is_dated(record.opened) for record in records),
+        procedures=dict.fromkeys(p.name if p else "table of readings" for p in procedures),
         temperatures=[
-            CertifiedValue(f"temperature, {session.name}", session.temperature_c, UNITS["°C"])
-            for session in sessions
-            if session.temperature_c is not None
+            CertifiedValue(f"temperature, {r.name}", r.opened.temperature_c, UNITS["°C"])
+            for r in records
+            if r.opened.temperature_c is not None
         ],
-        tolerance=CertifiedValue("tolerance", contents.tolerance_mm or 0.0, UNITS["mm"]),
+        tolerance=CertifiedValue("tolerance", certified.tolerance_mm or 0.0, UNITS["mm"]),
         probability=COVERAGE_PROBABILITY,
         program_version=version(),
     )

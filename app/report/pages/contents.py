@@ -38,8 +38,10 @@ from app.report.pages.two_pages import (
     Section,
     celsius_words,
     first_page,
+    result_parts,
     second_page,
 )
+from app.report.text.caveats import taken_word
 from app.report.text.correction import (
     FRAME_WORDS,
     UNSEEN,
@@ -77,7 +79,6 @@ from app.report.text.result import (
     what_to_do,
 )
 from app.report.text.tables import LEAST_MM, new_table, signed, uncertain
-from app.version import program
 from calib.arrays import LEG_NAMES
 from calib.diagnosis.results import Diagnosis
 from calib.diagnosis.vectors import vector_maps
@@ -105,7 +106,6 @@ class CalibrationReport:
     first_page: Sequence[Section]
     second_page: Sequence[Section]
     sections: Sequence[Section]
-    program: str
     identification: str
     head: CertificateHead | None = None
 
@@ -151,10 +151,14 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
             ),
             f"{diagnosis.verdict.upper()}. {diagnosis.sentence}",
         ),
-        first_page=first_page(calibration),
+        first_page=first_page(
+            calibration,
+            calibration.machine.name,
+            [(f"{taken_word(result)}s that count", [f"{sum(calibration.counted.values())}"])],
+            result_parts(calibration),
+        ),
         second_page=second_page(calibration, legs),
         sections=sections,
-        program=program(),
         identification=calibration.identification,
         head=calibration.head,
     )

@@ -3,30 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.table import Table
 
 from app.evaluating.hexaslide_calibration import CalibratedMachine, VerifiedMachine
-from app.evaluating.posture_history import Decision
 from app.report.certificate import NOT_JUDGED, CertificateHead
 from app.report.charts.hexaslide import drawn_machine, residual_charts
-from app.report.hexaslide_certificate import CertifiedPostures, certified_postures
+from app.report.hexaslide_certificate import CertifiedPostures, certified_postures, machine_numbers
 from app.report.pages.contents import CalibrationReport
 from app.report.pages.figures import drawings_svg, svg_of
 from app.report.pages.report import ReportSource
 from app.report.pages.two_pages import (
-    SIMULATED,
+    LONGEST_OF_POSTURES,
+    Fact,
     Picture,
     Section,
-    add_facts,
-    celsius_words,
-    ordered_rows,
-    shortened,
+    first_page,
     shortened_limits,
-    traceability,
 )
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import (
@@ -41,14 +37,12 @@ from app.report.text.hexaslide_calibration import (
 from app.report.text.hexaslide_diagnosis import missing_parts, verdict_line
 from app.report.text.hexaslide_session import readings_table, remark_lines
 from app.report.text.tables import new_table, signed
-from app.version import program
 from calib.hexaslide.procedures import COMPONENTS
-from protocols.dates import day_words
-from protocols.hexaslide import Chain, HexaSlideMachine, machine_like
+from protocols.hexaslide import HexaSlideMachine
 from protocols.hexaslide_session import PostureSession
 
 if TYPE_CHECKING:  # of a digital certificate alone
-    from app.report.dcc.document import CertificateContents
+    from app.report.dcc.document import Result
 
 RULE = (
     "Pass: the error of the platform and its 95 % bound together are within the tolerance, and no "
@@ -67,8 +61,6 @@ NOT_VERIFIED = (
     "No session after the calibrated machine was entered belongs to this document. The error of "
     "the platform with it is predicted from the readings, not measured."
 )
-LONGEST = 400
-"""Letters of a sentence on the pages that are signed: seven motions of frames have room."""
 
 
 def source_of_postures(
@@ -87,44 +79,47 @@ def source_of_postures(
 def source_from(certified: CertifiedPostures) -> ReportSource:
     """The report of results that are there."""
 
-    def certificate() -> CertificateContents:
-        from app.report.dcc.hexaslide import contents_of
+    def results() -> Iterable[Result]:
+        from app.report.dcc.hexaslide import results_of
 
-        return contents_of(certified)
+        return results_of(certified)
 
-    return ReportSource(
-        certified.digests, certified.terms, lambda: report_page(certified), certificate
-    )
+    return ReportSource(certified, lambda: report_page(certified), results)
 
 
 def report_page(certified: CertifiedPostures) -> CalibrationReport:
     """The report of results that are there."""
-    result, later, limits = certified.result, certified.later, certified.limits
-    calibration = result.calibration
-    document = HexaSlideCalibrationReport.of(calibration)
-    calibrated = machine_like(calibration.source.machine, "", calibration.entered)
+    result, document, machine = certified.result, certified.document, certified.machine
+    calibration, limits = result.calibration, certified.limits
+    opened = [session.opened for session in certified.sessions]
     enter = ENTER if is_shown_better(document) else KEEP
-    simulated = any(session.opened.origin == "simulated" for session, _ in certified.sessions)
+    facts: list[Fact] = [
+        ("postures used", (f"{len(session.readings)}" for session in certified.sessions)),
+        ("origin", dict.fromkeys(start.origin for start in opened)),
+        ("machine file", dict.fromkeys(start.machine_file for start in opened)),
+        ("measured with", dict.fromkeys(start.program for start in opened)),
+    ]
     return CalibrationReport(
-        machine=calibration.source.machine.full_name,
+        machine=machine.full_name,
         decision=_decision(certified),
         sentences=(_at_most(document), verdict_line(result)),
-        first_page=[
-            Section("", [_object(certified), SIMULATED if simulated else ""]),
-            Section("Traceability", _traceability(certified)),
-            Section("Result", [_errors(document), RULE, enter, *_moved(calibration, calibrated)]),
-        ],
+        first_page=first_page(
+            certified,
+            machine.full_name,
+            facts,
+            [_errors(document), RULE, enter, *_moved(certified)],
+        ),
         second_page=[
-            Section("Entered and verified", _verified(later.verification if later else None)),
+            Section("Entered and verified", _verified(certified.verification)),
             Section("What is left at each posture", _charts(calibration)),
-            Section("Limits of this result", shortened_limits(limits, LONGEST)),
+            Section("Limits of this result", shortened_limits(limits, LONGEST_OF_POSTURES)),
         ],
         sections=[
             Section(
                 "What was measured",
-                [_machine(calibration.source.machine, certified.tolerance_mm), _drawn(calibration)],
+                [_machine(machine, certified.tolerance_mm), _drawn(machine)],
             ),
-            Section("What to enter in the controller", [enter, _values(calibration, calibrated)]),
+            Section("What to enter in the controller", [enter, _values(certified)]),
             Section(
                 "Parameters",
                 [parameter_table(document), *figure_lines(document, calibration.fit.factor)],
@@ -138,9 +133,8 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
                     check_words(HexaSlideCalibrationReport.of(result.checked)),
                 ],
             ),
-            *(_readings(session) for session, _ in certified.sessions),
+            *map(_readings, certified.sessions),
         ],
-        program=program(),
         identification=certified.identification,
         head=certified.head,
     )
@@ -153,19 +147,13 @@ def _readings(session: PostureSession) -> Section:
 
 def _decision(certified: CertifiedPostures) -> str:
     """The decision that heads the report: after a verification that of the later session."""
-    if certified.later is not None:
-        verified, label = certified.later.verification, "measured again"
-        return _judged(verified.decision, verified.after, verified.tolerance_mm, label)
-    label = "as it was measured"
-    return _judged(certified.decision, certified.calibration, certified.tolerance_mm, label)
-
-
-def _judged(
-    decision: Decision | None, result: CalibratedMachine, tolerance_mm: float | None, when: str
-) -> str:
+    verified = certified.verification
+    decision, result, when = certified.decision, certified.result.calibration, "as it was measured"
+    if verified:
+        decision, result, when = verified.decision, verified.after, "measured again"
     if decision is None:
         return NOT_JUDGED.format("platform_tolerance_mm")
-    return f"{decision.upper()}, {when}: {off_words(result, tolerance_mm)}"
+    return f"{decision.upper()}, {when}: {off_words(result, certified.tolerance_mm)}"
 
 
 def _at_most(document: HexaSlideCalibrationReport) -> str:
@@ -173,38 +161,6 @@ def _at_most(document: HexaSlideCalibrationReport) -> str:
     if bound_mm is None:
         return "What the platform is off by with the calibrated machine is not known."
     return f"With the calibrated machine the platform is off by at most {bound_mm:.3g} mm (95 %)."
-
-
-def _object(certified: CertifiedPostures) -> Table:
-    """The machine, the customer, and the sessions that were measured."""
-    opened = [session.opened for session, _ in certified.sessions]
-    counts = (f"{len(session.readings)}" for session, _ in certified.sessions)
-    table = new_table("object", shortened(opened[0].machine.full_name), left_columns=2)
-    rows: list[tuple[str, Iterable[str | None]]] = [
-        *ordered_rows(certified.head, certified.serial_numbers),
-        ("measured", dict.fromkeys(day_words(s.opened, s.readings) for s, _ in certified.sessions)),
-        ("operator", dict.fromkeys(start.operator for start in opened)),
-        ("temperature", dict.fromkeys(celsius_words(start.temperature_c) for start in opened)),
-        ("procedure", dict.fromkeys(start.procedure.name for start in opened)),
-        ("postures used", counts),
-        ("origin", dict.fromkeys(start.origin for start in opened)),
-        ("machine file", dict.fromkeys(start.machine_file for start in opened)),
-        ("measured with", dict.fromkeys(start.program for start in opened)),
-    ]
-    add_facts(
-        table, rows, [(session.name, record.digest) for session, record in certified.sessions]
-    )
-    return table
-
-
-def _traceability(certified: CertifiedPostures) -> list[str | Table]:
-    """Certificates of the instruments that the order names, and what was attached."""
-    instruments = certified.head.order.instrument if certified.head else ()
-    attached = certified.result.session.opened.procedure.attach
-    return [
-        *traceability(instruments, "instrument"),
-        f"Attached: {shortened(attached, LONGEST) or 'not stated.'}",
-    ]
 
 
 def _errors(document: HexaSlideCalibrationReport) -> Table:
@@ -217,13 +173,14 @@ def _errors(document: HexaSlideCalibrationReport) -> Table:
     return table
 
 
-def _moved(result: CalibratedMachine, calibrated: HexaSlideMachine) -> Iterator[str | Table]:
+def _moved(certified: CertifiedPostures) -> Iterator[str | Table]:
     """By how much each chain of the calibrated machine differs from its file."""
     table = new_table("chain", "start, mm", "joint, mm", "link, mm", "rail, mrad")
-    for number, was, now in _chains(result, calibrated):
+    chains = certified.machine.chain, certified.calibrated.chain
+    for number, (was, now) in enumerate(zip(*chains, strict=True), start=1):
         mrad = f"{1000.0 * math.dist(was.rail, now.rail):.3f}" if was.rail and now.rail else ""
         table.add_row(
-            number,
+            f"{number}",
             f"{math.dist(was.start_mm, now.start_mm):.3f}",
             f"{math.dist(was.joint_mm, now.joint_mm):.3f}",
             signed(now.link_mm - was.link_mm),
@@ -233,36 +190,16 @@ def _moved(result: CalibratedMachine, calibrated: HexaSlideMachine) -> Iterator[
     yield table
 
 
-def _chains(
-    result: CalibratedMachine, calibrated: HexaSlideMachine
-) -> Iterator[tuple[str, Chain, Chain]]:
-    """Number, chain of the machine file and calibrated chain."""
-    pairs = zip(result.source.machine.chain, calibrated.chain, strict=True)
-    for number, (was, now) in enumerate(pairs, start=1):
-        yield f"{number}", was, now
-
-
-def _values(result: CalibratedMachine, calibrated: HexaSlideMachine) -> Table:
+def _values(certified: CertifiedPostures) -> Table:
     """Every value of the machine file beside the calibrated one."""
-    table = new_table("chain", "key", "machine file", "calibrated", "change", left_columns=2)
-
-    def add(place: str, key: str, was: Sequence[float], now: Sequence[float], digits: int) -> None:
-        axes = "xyz" if len(was) > 1 else ("",)
-        for axis, first, second in zip(axes, was, now, strict=True):
-            figures = (signed(value, digits) for value in (first, second, second - first))
-            table.add_row(place, f"{key} {axis}".rstrip(), *figures)
-
-    for number, was, now in _chains(result, calibrated):
-        add(number, "start_mm", was.start_mm, now.start_mm, 4)
-        add(number, "joint_mm", was.joint_mm, now.joint_mm, 4)
-        if was.rail and now.rail:
-            add(number, "rail", was.rail, now.rail, 7)
-        add(number, "link_mm", (was.link_mm,), (now.link_mm,), 4)
-    ends, ends_now = result.source.machine.constraint_link, calibrated.constraint_link
-    if ends is not None and ends_now is not None and ends != ends_now:
-        add("link", "platform_end_mm", ends.platform_end_mm, ends_now.platform_end_mm, 4)
-        add("link", "base_end_mm", ends.base_end_mm, ends_now.base_end_mm, 4)
-        add("link", "length_mm", (ends.length_mm,), (ends_now.length_mm,), 4)
+    machine, calibrated = certified.machine, certified.calibrated
+    linked = machine.constraint_link != calibrated.constraint_link
+    table = new_table("part", "key", "machine file", "calibrated", "change", left_columns=2)
+    pairs = zip(machine_numbers(machine), machine_numbers(calibrated), strict=True)
+    for (part, key, was), (_, _, now) in pairs:
+        digits = 7 if key.startswith("rail") else 4
+        if part.startswith("chain") or linked:
+            table.add_row(part, key, *(signed(value, digits) for value in (was, now, now - was)))
     return table
 
 
@@ -274,8 +211,8 @@ def _verified(verification: VerifiedMachine | None) -> list[str]:
     return [decision, f"{sentence} Session: {verification.after.name}.", *next_lines]
 
 
-def _drawn(result: CalibratedMachine) -> Picture:
-    machine = result.source.machine.whole()
+def _drawn(machine_file: HexaSlideMachine) -> Picture:
+    machine = machine_file.whole()
     caption = "The machine at the middle of its box"
     if not machine.geometry.telescopic:
         caption += "; dotted: rails, as far as the sliders go there"

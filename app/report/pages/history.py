@@ -16,7 +16,6 @@ from app.report.charts.results import control_charts
 from app.report.pages.figures import legs_svg, svg_of
 from app.report.pages.two_pages import Picture, Section
 from app.report.text import history as texts
-from app.version import program
 
 CAPTION = (
     "Change of each joint offset, with the mean and the limits (three standard deviations, by "
@@ -39,7 +38,6 @@ class HistoryPage:
     folder: str
     sentences: Sequence[str]
     sections: Sequence[Section]
-    program: str
 
     @property
     def title(self) -> str:
@@ -63,7 +61,6 @@ def history_page(history: History, now: datetime) -> HistoryPage:
             *(_section(machine, now) for machine in history.machines),
             *(_posture_section(machine, now) for machine in history.of_postures),
         ],
-        program=program(),
     )
 
 

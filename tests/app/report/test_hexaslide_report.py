@@ -96,8 +96,8 @@ def test_the_report_judges_by_the_tolerance_of_its_verification(
     opened = session.opened.model_copy(update={"machine": machine})
     write_whole(other := tmp_path / "other.jsonl", opened, [*session.readings], POSTURE_FORM)
     certified = certified_postures(before, other)
-    assert certified.later is not None
-    assert certified.tolerance_mm == certified.later.verification.tolerance_mm == 0.07
+    assert certified.verification is not None
+    assert certified.tolerance_mm == certified.verification.tolerance_mm == 0.07
     text = words(html_of(report_page(certified)))
     assert "PASS, measured again" in text
     assert "tolerance 0.07 mm" in text

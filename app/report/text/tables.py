@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from io import StringIO
 from textwrap import fill
 from typing import TYPE_CHECKING
@@ -40,20 +40,20 @@ def expanded(value: float, standard_uncertainty: float) -> str:
     return f"{signed(value, places)} ± {half:.{places}f}"
 
 
-def new_table(*headings: str, left_columns: int = 1) -> Table:
+def new_table(*headings: str, left_columns: int = 1, rows: Iterable[Iterable[str]] = ()) -> Table:
     """A table; the first ``left_columns`` columns are text, the others numbers."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for number, heading in enumerate(headings):
         table.add_column(heading, justify="left" if number < left_columns else "right")
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
 def result_table(result: DataTable) -> Table:
     """The columns that are for a reader; texts before the first number are on the left."""
-    table = new_table(*result.headings, left_columns=max(result.text_columns, 1))
-    for row in result.reader_rows():
-        table.add_row(*row)
-    return table
+    left_columns = max(result.text_columns, 1)
+    return new_table(*result.headings, left_columns=left_columns, rows=result.reader_rows())
 
 
 def table_text(table: Table) -> str:

@@ -44,14 +44,8 @@ from app.report.pages.two_pages import (
 from app.report.text.caveats import taken_word
 from app.report.text.correction import (
     FRAME_WORDS,
-    UNSEEN,
     before_or_now,
-    bound_table,
-    doubt_lines,
-    gains_table,
-    left_out_lines,
     shown_value,
-    warning_lines,
 )
 from app.report.text.diagnosis import (
     candidates_table,
@@ -60,21 +54,14 @@ from app.report.text.diagnosis import (
     shown_candidates,
 )
 from app.report.text.model import effect_words
-from app.report.text.printer import change_parts
 from app.report.text.result import (
     DECISION_RULE,
     bound_sentence,
     decided,
-    difference_table,
     indicator_words,
     left_out_words,
-    line_parts,
-    noise_words,
     offsets_table,
-    parameter_table,
-    size_table,
-    subset_table,
-    verdict_words,
+    value_parts,
     view_parts,
     what_to_do,
 )
@@ -131,7 +118,8 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
             ],
         ),
         _controller(calibration),
-        *([_view(result), _budget(result)] if has_view else [Section(VIEW, view_parts(result))]),
+        _view(result),
+        *([_budget(result)] if has_view else []),
         *([_again(verified)] if verified else []),
         *([Section("What limits this result", limits)] if limits else []),
         _missing(calibration.diagnosed),
@@ -232,33 +220,21 @@ def _controller(calibration: CertifiedCalibration) -> Section:
     The decision before heads it where the values were entered since.
     """
     result, entered = calibration.result, calibration.verification is not None
-    machine, correction = result.sessions[0].opened.machine, result.correction
-    head = [calibration.judged_words if entered else "", DECISION_RULE]
-    bound = bound_table(correction.frame, correction.off_now, result.entered.off, entered=entered)
-    remedies = [effect_words(effect, machine) for effect in calibration.effects]
-    if change := result.printer_change:
-        values = [*doubt_lines(result), *change_parts(result, change)]
-        parts = [*head, *values, bound, *line_parts(result), *remedies]
-        return Section("What to enter in the firmware", parts)
+    machine, change = calibration.machine, result.printer_change
     sentence = (
         "True position of a joint = believed position + offset. These are the values that glidecal "
         "export writes for a controller with joint offsets, in addition to those entered when it "
-        f"was measured. They leave the smallest tool error, {FRAME_WORDS[correction.frame]}."
+        f"was measured. They leave the smallest tool error, {FRAME_WORDS[result.frame]}."
     )
     return Section(
-        "What to enter in the controller",
+        f"What to enter in the {'firmware' if change else 'controller'}",
         [
-            *head,
-            sentence,
-            *warning_lines(result, correction),
-            _offsets(result, machine),
-            bound,
-            _vectors(result, before_or_now(entered)),
-            "" if result.reads_tool else UNSEEN,
-            gains_table(result),
-            *line_parts(result),
-            *left_out_lines(correction.left_out),
-            *remedies,
+            calibration.judged_words if entered else "",
+            DECISION_RULE,
+            "" if change else sentence,
+            *value_parts(result, _offsets(result, machine), entered=entered),
+            *([] if change else [_vectors(result, before_or_now(entered))]),
+            *(effect_words(effect, machine) for effect in calibration.effects),
         ],
     )
 
@@ -288,24 +264,15 @@ def _vectors(result: SessionSolution, when: str) -> Picture:
 
 
 def _view(result: SessionSolution) -> Section:
-    """One set of parameters as the papers identify it."""
-    solution = result.solution
+    """One set of parameters as the papers identify it, with pictures where there is one."""
+    if (solution := result.view_solution) is None:
+        return Section(VIEW, view_parts(result))
     caption = (
         f"Expected error of the tool with the values of this view, {FRAME_WORDS[result.frame]}, µm "
         "r.m.s., on three planes through Zero."
     )
-    return Section(
-        VIEW,
-        [
-            verdict_words(result),
-            noise_words(result),
-            parameter_table(solution),
-            *([size_table(solution)] if solution.sizes else []),
-            subset_table(result),
-            *_correlations(solution),
-            Picture(maps_svg(result.tool_maps), caption),
-        ],
-    )
+    maps = Picture(maps_svg(result.tool_maps), caption)
+    return Section(VIEW, [*view_parts(result), *_correlations(solution), maps])
 
 
 def _correlations(solution: Solution) -> Iterator[Picture]:
@@ -392,7 +359,7 @@ def _fit(result: SessionSolution) -> Section:
     """What the model makes of the readings."""
     caption = f"Differences as measured, and what the model leaves of them{WHISKER_WORDS}"
     bars = Picture(bars_svg(measured_and_predicted(result.solution)), caption)
-    parts: list[Table | Picture] = [difference_table(result.solution), bars]
+    parts = [bars]
     if (over_time := residuals_over_time(result)).series:
         parts.append(Picture(svg_of(over_time), "Residuals over time: drift shows here."))
     caption = (

@@ -78,27 +78,35 @@ def solution_text(result: SessionSolution) -> str:
 
 def entered_parts(result: SessionSolution) -> list[str | Table]:
     """The correction: values, the bound with them, what other exports would keep, cautions."""
-    correction, change = result.correction, result.printer_change
-    now, then = correction.off_now, result.entered.off
-    where = "firmware" if change else "controller"
+    where = "firmware" if result.printer_change else "controller"
     head = (
         f"{', '.join(result.names)}: values to enter in the {where}, "
-        f"{FRAME_WORDS[correction.frame]}, {result.reading_count} {taken_word(result)}s"
+        f"{FRAME_WORDS[result.frame]}, {result.reading_count} {taken_word(result)}s"
     )
-    bound, lines = bound_table(correction.frame, now, then), line_parts(result)
-    if change:
+    parts = value_parts(result, correction_table(result.correction))
+    return [head, *parts, "\n".join(caveats(result))]
+
+
+def value_parts(
+    result: SessionSolution, values: Table, *, entered: bool = False
+) -> list[str | Table]:
+    """Doubts, the ``values`` or those of a printer's firmware, the bound, what else helps.
+
+    The values may be ``entered`` since.
+    """
+    correction = result.correction
+    bound = bound_table(correction.frame, correction.off_now, result.entered.off, entered=entered)
+    if change := result.printer_change:
         doubts = "\n".join(doubt_lines(result))
-        values = change_parts(result, change)
-        return [head, doubts, *values, bound, *lines, "\n".join(caveats(result))]
+        return [doubts, *change_parts(result, change), bound, *line_parts(result)]
     return [
-        head,
         "\n".join(warning_lines(result, correction)),
-        correction_table(correction),
+        values,
         bound,
         "" if result.reads_tool else UNSEEN,
         gains_table(result),
-        *lines,
-        "\n".join([*left_out_lines(correction.left_out), *caveats(result)]),
+        *line_parts(result),
+        "\n".join(left_out_lines(correction.left_out)),
     ]
 
 

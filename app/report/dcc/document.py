@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 
@@ -30,32 +30,28 @@ UNITS = {
 
 
 @dataclass(frozen=True)
-class Uncertainty:
-    """Expanded for 95 %, with the standard uncertainty, in the unit of the value."""
-
-    expanded: float
-    standard: float
-
-    @property
-    def coverage_factor(self) -> float:
-        """The ratio of the two; of a mixture of models it may be any."""
-        return self.expanded / self.standard
-
-
-@dataclass(frozen=True)
 class CertifiedValue:
-    """A value in a unit of D-SI; ``words`` say what it is, if the name does not."""
+    """A value in a unit of D-SI; ``words`` say what it is, if the name does not.
+
+    Uncertainties are standard, and expanded for 95 %; None where nobody states them.
+    """
 
     name: str
     value: float
-    unit: str
-    uncertainty: Uncertainty | None = None
-    words: str = ""
+    unit: str = UNITS["mm"]
+    expanded: float | None = None
+    standard: float | None = None
+    words: str = field(default="", kw_only=True)
+
+    @property
+    def coverage_factor(self) -> float:
+        """Expanded over standard uncertainty; of a mixture of models it may be any."""
+        return (self.expanded or 0.0) / (self.standard or 1.0)
 
     @property
     def interval(self) -> tuple[float, float]:
         """Both ends of the 95 % interval."""
-        half = 0.0 if self.uncertainty is None else self.uncertainty.expanded
+        half = self.expanded or 0.0
         return self.value - half, self.value + half
 
 
@@ -101,16 +97,11 @@ def certificate_xml(certified: Certified, results: Iterable[Result]) -> str:
             for r in records
             if r.opened.temperature_c is not None
         ],
-        tolerance=CertifiedValue("tolerance", certified.tolerance_mm or 0.0, UNITS["mm"]),
+        tolerance=CertifiedValue("tolerance", certified.tolerance_mm or 0.0),
         probability=COVERAGE_PROBABILITY,
         program_version=version(),
     )
     return "".join(line for line in text.splitlines(keepends=True) if not line.isspace())
-
-
-def value_in_mm(name: str, value_mm: float, uncertainty_mm: tuple[float, float]) -> CertifiedValue:
-    """A value in mm with its expanded and its standard uncertainty."""
-    return CertifiedValue(name, value_mm, UNITS["mm"], Uncertainty(*uncertainty_mm))
 
 
 @cache

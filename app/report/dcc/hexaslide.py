@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from app.report.dcc.document import UNITS, CertifiedValue, Result, Uncertainty
+from app.report.dcc.document import UNITS, CertifiedValue, Result
 from app.report.hexaslide_certificate import CertifiedPostures, machine_numbers
 from app.report.schema.hexaslide import PlatformReport
 from protocols.hexaslide import HexaSlideMachine
@@ -35,7 +35,7 @@ def results_of(certified: CertifiedPostures) -> Iterator[Result]:
         "Of the machine, as expected over all that may be missing in the model. B: joints of the "
         "platform; A: starts of the rails, or joints of the base; l: links.",
         [
-            _scaled(name, "m", v.value_m, v.standard_uncertainty_m, v.expanded_uncertainty_m)
+            _scaled(name, "m", v.value_m, v.expanded_uncertainty_m, v.standard_uncertainty_m)
             for name, v in document.inner_lengths.items()
         ],
     )
@@ -50,8 +50,8 @@ def results_of(certified: CertifiedPostures) -> Iterator[Result]:
                     f"{name} to enter",
                     p.unit,
                     p.value,
-                    p.standard_uncertainty,
                     p.expanded_uncertainty,
+                    p.standard_uncertainty,
                 )
                 for name, p in alone
             ],
@@ -66,24 +66,21 @@ def results_of(certified: CertifiedPostures) -> Iterator[Result]:
 
 
 def _scaled(
-    name: str, unit: str, value: float, standard: float | None, expanded: float | None
+    name: str, unit: str, value: float, expanded: float | None, standard: float | None
 ) -> CertifiedValue:
     """A value in thousandths of its unit; a component of a direction stays as it is."""
     size = 1000.0 if unit in THOUSANDTHS else 1.0
-    uncertainty = None
-    if standard is not None and expanded is not None:
-        uncertainty = Uncertainty(size * expanded, size * standard)
-    return CertifiedValue(name, size * value, THOUSANDTHS.get(unit, UNITS["m/m"]), uncertainty)
+    sizes = (None if part is None else size * part for part in (expanded, standard))
+    return CertifiedValue(name, size * value, THOUSANDTHS.get(unit, UNITS["m/m"]), *sizes)
 
 
 def _platform(platform: PlatformReport, now: str, bound: str) -> Iterator[CertifiedValue]:
     """The platform's error, and a bound where one is known."""
-    unit = UNITS["mm"]
-    yield CertifiedValue(f"root mean square, {now}", platform.now_rms_mm, unit)
-    yield CertifiedValue(f"largest, {now}", platform.now_worst_mm, unit)
+    yield CertifiedValue(f"root mean square, {now}", platform.now_rms_mm)
+    yield CertifiedValue(f"largest, {now}", platform.now_worst_mm)
     if platform.bound_rms_mm is not None:
         text = "Upper 95 % bound of the root mean square."
-        yield CertifiedValue(f"bound, {bound}", platform.bound_rms_mm, unit, words=text)
+        yield CertifiedValue(f"bound, {bound}", platform.bound_rms_mm, words=text)
 
 
 def _entered(machine: HexaSlideMachine) -> Iterator[CertifiedValue]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from app.report.certificate import CertifiedCalibration
-from app.report.dcc.document import UNITS, CertifiedValue, Result, value_in_mm
+from app.report.dcc.document import UNITS, CertifiedValue, Result
 from app.report.text.correction import FREE_WORDS, frames_of
 from calib.arrays import LEG_NAMES
 from calib.identify.solution import Solution
@@ -39,8 +39,8 @@ def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
         "Joint offsets that remain",
         "From the later session; the uncertainty is of both sessions.",
         [
-            value_in_mm(offset.name, offset.found_mm, (offset.expanded_mm, offset.standard_mm))
-            for offset in calibration.verification.offsets
+            CertifiedValue(o.name, o.found_mm, UNITS["mm"], o.expanded_mm, o.standard_mm)
+            for o in calibration.verification.offsets
         ],
     )
 
@@ -55,7 +55,7 @@ def _of_view(view: Solution) -> Result:
         else "The uncertainty is of the noise of the readings alone; parts may be off within their "
         "tolerance beside it.",
         [
-            value_in_mm(name, value, (wide, u))
+            CertifiedValue(name, value, UNITS["mm"], wide, u)
             for name, value, wide, u in zip(
                 view.names, *(column.tolist() for column in columns), strict=True
             )
@@ -88,11 +88,13 @@ def _entered(calibration: CertifiedCalibration) -> tuple[str, list[CertifiedValu
         text = "Values that the firmware of the printer is to hold."
         return text, [*towers, radius, *travels]
     standard, expanded = (column.tolist() for column in result.corrections.uncertainties_mm())
-    values = zip(LEG_NAMES, result.joint_offsets_mm, expanded, standard, strict=True)
+    values = zip(
+        LEG_NAMES, result.joint_offsets_mm, [UNITS["mm"]] * 3, expanded, standard, strict=True
+    )
     return (
         "To add to what was entered before; true position of a joint = believed position + d_rho. "
         "The tool is off least with these values: they, not the joints alone, are within ± U.",
-        [value_in_mm(f"d_rho_{leg}", value, (wide, u)) for leg, value, wide, u in values],
+        [CertifiedValue(f"d_rho_{leg}", *row) for leg, *row in values],
     )
 
 

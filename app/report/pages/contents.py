@@ -12,26 +12,10 @@ from app.evaluating.diagnosis import SessionDiagnosis
 from app.evaluating.printer import tower_names
 from app.evaluating.solution import SessionSolution
 from app.report.certificate import CertificateHead, CertifiedCalibration
+from app.report.charts import results as charts
 from app.report.charts.legs import LegFigure, leg_figures
-from app.report.charts.results import (
-    before_and_after,
-    measured_and_predicted,
-    residuals_before_and_after,
-    residuals_over_normal,
-    residuals_over_time,
-)
 from app.report.charts.tripod import drawn_set_up
-from app.report.pages.figures import (
-    bars_svg,
-    correlations_svg,
-    drawings_svg,
-    evidence_svg,
-    legs_svg,
-    maps_svg,
-    pareto_svg,
-    svg_of,
-    vectors_svg,
-)
+from app.report.pages import figures
 from app.report.pages.notebook import leg_rows
 from app.report.pages.two_pages import (
     Picture,
@@ -211,7 +195,7 @@ def _set_ups(session: Session) -> list[Picture]:
     pictures = [drawn_set_up(session, step, session.opened.instruments) for step in first.values()]
     drawings = [drawing for drawing in pictures if drawing is not None]
     caption = "Places of the indicators; + is the direction in which readings grow."
-    return [Picture(drawings_svg(drawings), caption)] if drawings else []
+    return [Picture(figures.drawings_svg(drawings), caption)] if drawings else []
 
 
 def _controller(calibration: CertifiedCalibration) -> Section:
@@ -260,7 +244,7 @@ def _vectors(result: SessionSolution, when: str) -> Picture:
         "Zero. All arrows have one scale; colour is the length in space. What may be off in any "
         "direction has no arrow: it is in the bound above."
     )
-    return Picture(vectors_svg(maps), caption)
+    return Picture(figures.vectors_svg(maps), caption)
 
 
 def _view(result: SessionSolution) -> Section:
@@ -271,7 +255,7 @@ def _view(result: SessionSolution) -> Section:
         f"Expected error of the tool with the values of this view, {FRAME_WORDS[result.frame]}, µm "
         "r.m.s., on three planes through Zero."
     )
-    maps = Picture(maps_svg(result.tool_maps), caption)
+    maps = Picture(figures.maps_svg(result.tool_maps), caption)
     return Section(VIEW, [*view_parts(result), *_correlations(solution), maps])
 
 
@@ -282,7 +266,7 @@ def _correlations(solution: Solution) -> Iterator[Picture]:
             "Correlations of the parameters. Near 1 or −1 the readings show only the difference "
             "or the sum of the two."
         )
-        yield Picture(correlations_svg(solution.names, solution.correlation), caption)
+        yield Picture(figures.correlations_svg(solution.names, solution.correlation), caption)
 
 
 def _budget(result: SessionSolution) -> Section:
@@ -300,7 +284,7 @@ def _budget(result: SessionSolution) -> Section:
         "made of these: it is over everything that may be true of the machine."
     )
     shares = Picture(
-        pareto_svg(result.budget),
+        figures.pareto_svg(result.budget),
         "Sources of the uncertainty of these parameters, the largest first. The line is their "
         "share of the square of U so far. U of the values to enter is another one.",
     )
@@ -310,7 +294,7 @@ def _budget(result: SessionSolution) -> Section:
 def _again(verification: Verification) -> Section:
     """What the session after the offsets were entered says."""
     compared = verification.compared
-    chart = before_and_after(compared.before.solution, compared.after.solution)
+    chart = charts.before_and_after(compared.before.solution, compared.after.solution)
     caption = f"Each difference before and after the offsets were entered{WHISKER_WORDS}"
     return Section(
         "Measured again, with the offsets entered",
@@ -319,7 +303,7 @@ def _again(verification: Verification) -> Section:
             *what_to_do(verification),
             *compared.remarks,
             offsets_table(verification),
-            Picture(bars_svg(chart), caption),
+            Picture(figures.bars_svg(chart), caption),
         ],
     )
 
@@ -327,7 +311,7 @@ def _again(verification: Verification) -> Section:
 def _missing(diagnosed: SessionDiagnosis) -> Section:
     """The diagnosis: where readings and model disagree, and which effects explain it."""
     diagnosis = diagnosed.diagnosis
-    residuals = svg_of(residuals_before_and_after(diagnosis.residuals.cells))
+    residuals = figures.svg_of(charts.residuals_before_and_after(diagnosis.residuals.cells))
     return Section(
         "What is missing from the model",
         [
@@ -351,22 +335,22 @@ def _evidence(diagnosis: Diagnosis) -> Sequence[Table | Picture]:
         "Evidence: what each candidate leaves of the gap. The shorter its bar, the more the "
         "readings speak for it; it is named where nothing else explains them as well."
     )
-    picture = Picture(evidence_svg(bars, 1000.0 * diagnosis.gap_before.rms_mm), sentence)
+    picture = Picture(figures.evidence_svg(bars, 1000.0 * diagnosis.gap_before.rms_mm), sentence)
     return candidates_table(candidates), picture
 
 
 def _fit(result: SessionSolution) -> Section:
     """What the model makes of the readings."""
     caption = f"Differences as measured, and what the model leaves of them{WHISKER_WORDS}"
-    bars = Picture(bars_svg(measured_and_predicted(result.solution)), caption)
+    bars = Picture(figures.bars_svg(charts.measured_and_predicted(result.solution)), caption)
     parts = [bars]
-    if (over_time := residuals_over_time(result)).series:
-        parts.append(Picture(svg_of(over_time), "Residuals over time: drift shows here."))
+    if (over_time := charts.residuals_over_time(result)).series:
+        parts.append(Picture(figures.svg_of(over_time), "Residuals over time: drift shows here."))
     caption = (
         "Residuals in the order of their size. On the line they are normal with the noise of the "
         "readings; steeper is more than noise; a point far from the others is an outlier."
     )
-    parts.append(Picture(svg_of(residuals_over_normal(result)), caption))
+    parts.append(Picture(figures.svg_of(charts.residuals_over_normal(result)), caption))
     return Section("Differences", parts)
 
 
@@ -379,7 +363,7 @@ def _legs(legs: tuple[LegFigure, ...]) -> Section:
         "parabola."
     )
     rows = leg_rows(legs)
-    pictures = [Picture(legs_svg(row), "; ".join(leg.title for leg in row)) for row in rows]
+    pictures = [Picture(figures.legs_svg(row), "; ".join(leg.title for leg in row)) for row in rows]
     return Section("Each leg over its travel", [sentence, *pictures])
 
 

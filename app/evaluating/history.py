@@ -20,7 +20,6 @@ from typing import TypeVar
 from pydantic import ValidationError
 
 from app.evaluating.posture_history import (
-    Decision,
     PastEntry,
     PastMachine,
     PostureEntry,
@@ -33,6 +32,7 @@ from app.settings import cache_path
 from calib.clusters import in_parallel, on_processors
 from calib.control_chart import WatchedQuantity, watch
 from calib.errors import GlidecalError, RecordError, UsageError
+from calib.identify.accuracy import Decision
 from calib.posterior.tool import days_in_tolerance, tool_field
 from protocols.dates import is_dated, measured_at
 from protocols.documents import Document, Origin, read_bytes

@@ -6,13 +6,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Generic, Literal, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from pydantic import AwareDatetime
 
+from calib.identify.accuracy import Decision
 from protocols.documents import Document, Origin
-
-Decision = Literal["pass", "fail", "undecided"]
 
 
 class PastEntry(Document):

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from app.evaluating.hexaslide import PostureResult, posture_result
 from app.evaluating.hexaslide_calibration import VerifiedMachine, decided, verify_sessions
-from app.evaluating.posture_history import Decision
 from app.evaluating.tolerance import check_tolerance
 from app.report.certificate import CertificateHead, Certified, CertifiedRecord, terms_of
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import caveats
 from app.report.text.hexaslide_diagnosis import verdict_words
 from app.report.text.hexaslide_session import remark_lines
+from calib.identify.accuracy import Decision
 from protocols.hexaslide import HexaSlideMachine, machine_like
 from protocols.hexaslide_session import PostureSession, read_postures
 

@@ -16,7 +16,6 @@ from app.report.text.caveats import caveats, caveats_of_view
 from app.report.text.correction import (
     BOUND,
     FRAME_WORDS,
-    bound_line,
     correction_lines,
     off_line,
     view_words,
@@ -144,7 +143,7 @@ def for_controller(
             offsets,
             parameters=entered_parameters(correction),
             model=correction.model,
-            bound=one_line(bound_line(correction)),
+            bound=bound_of_files(result, correction.off),
             cautions=tuple(
                 map(one_line, (*correction_lines(result, correction), *offsets.cautions))
             ),

@@ -22,6 +22,7 @@ from app.report.pages.two_pages import (
     Section,
     celsius_words,
     first_page,
+    machine_table,
     result_parts,
     second_page,
 )
@@ -96,7 +97,7 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
         Section(
             "What was measured",
             [
-                _machine(calibration.machine, calibration.tolerance_mm),
+                _machine(calibration),
                 *_sessions(calibration.sessions, calibration.counted),
                 *_set_ups(result.sessions[0]),
             ],
@@ -136,20 +137,18 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
     )
 
 
-def _machine(machine: Machine, tolerance_mm: float | None) -> Table:
-    """What was known of it before; tolerances of parts are standard deviations."""
-    geometry = machine.geometry()
-    lengths = dict.fromkeys(f"{mm:g}" for mm in geometry.leg_length_mm)
+def _machine(calibration: CertifiedCalibration) -> Table:
+    machine = calibration.machine
+    lengths = dict.fromkeys(f"{mm:g}" for mm in machine.geometry().leg_length_mm)
     spread = f"{machine.offset_tolerance_mm:g} and {machine.length_tolerance_mm:g} mm"
-    table = new_table("machine", machine.name, left_columns=2)
-    table.add_row("length of the bars", f"{', '.join(lengths)} mm")
-    table.add_row("travel from Zero", f"{machine.travel_min_mm:+g} … {machine.travel_max_mm:+g} mm")
-    table.add_row("tolerance of joint offsets and lengths (standard deviation)", spread)
-    tool = "not stated" if tolerance_mm is None else f"{tolerance_mm:g} mm r.m.s."
-    table.add_row("tolerance of the tool", tool)
+    facts = {
+        "length of the bars": f"{', '.join(lengths)} mm",
+        "travel from Zero": f"{machine.travel_min_mm:+g} … {machine.travel_max_mm:+g} mm",
+        "tolerance of joint offsets and lengths (standard deviation)": spread,
+    }
     if machine.adjusted:
-        table.add_row("mechanical state", machine.adjusted)
-    return table
+        facts["mechanical state"] = machine.adjusted
+    return machine_table(calibration, facts)
 
 
 def _sessions(sessions: Sequence[Session], counted: Mapping[str, int]) -> list[Table]:
@@ -226,7 +225,7 @@ def _controller(calibration: CertifiedCalibration) -> Section:
 def _offsets(result: SessionSolution, machine: Machine) -> Table:
     """Joint offsets beside those that were entered when it was measured."""
     table = new_table("joint", "entered when measured, mm", "add, mm", "± U (95 %)", "together, mm")
-    wide_mm = result.corrections.half_widths_mm().tolist()
+    wide_mm = result.corrections.uncertainties_mm()[1].tolist()
     columns = (machine.entered_offsets_mm, result.joint_offsets_mm, wide_mm)
     for name, now_mm, added, wide in zip(LEG_NAMES, *columns, strict=True):
         now, add, total = map(shown_value, (now_mm, added, now_mm + added))

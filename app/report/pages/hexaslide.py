@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from app.evaluating.hexaslide_calibration import CalibratedMachine, VerifiedMachine
+from app.evaluating.hexaslide_calibration import CalibratedMachine
 from app.report.certificate import NOT_JUDGED, CertificateHead
 from app.report.charts.hexaslide import drawn_machine, residual_charts
 from app.report.hexaslide_certificate import CertifiedPostures, certified_postures, machine_numbers
@@ -22,6 +22,8 @@ from app.report.pages.two_pages import (
     Picture,
     Section,
     first_page,
+    machine_table,
+    not_verified_words,
     shortened_limits,
 )
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
@@ -56,10 +58,6 @@ ENTER = (
 KEEP = (
     "Change nothing in the controller: the readings do not show that the calibrated machine is "
     "better than the machine file."
-)
-NOT_VERIFIED = (
-    "No session after the calibrated machine was entered belongs to this document. The error of "
-    "the platform with it is predicted from the readings, not measured."
 )
 
 
@@ -110,14 +108,14 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
             [_errors(document), RULE, enter, *_moved(certified)],
         ),
         second_page=[
-            Section("Entered and verified", _verified(certified.verification)),
+            Section("Entered and verified", _verified(certified)),
             Section("What is left at each posture", _charts(calibration)),
             Section("Limits of this result", shortened_limits(limits, LONGEST_OF_POSTURES)),
         ],
         sections=[
             Section(
                 "What was measured",
-                [_machine(machine, certified.tolerance_mm), _drawn(machine)],
+                [_machine(certified), _drawn(machine)],
             ),
             Section("What to enter in the controller", [enter, _values(certified)]),
             Section(
@@ -203,10 +201,10 @@ def _values(certified: CertifiedPostures) -> Table:
     return table
 
 
-def _verified(verification: VerifiedMachine | None) -> list[str]:
+def _verified(certified: CertifiedPostures) -> list[str]:
     """What a later session says of the machine that was entered."""
-    if verification is None:
-        return [NOT_VERIFIED]
+    if (verification := certified.verification) is None:
+        return [not_verified_words(certified)]
     decision, sentence, *next_lines = verification_lines(verification)
     return [decision, f"{sentence} Session: {verification.after.name}.", *next_lines]
 
@@ -224,19 +222,16 @@ def _charts(result: CalibratedMachine) -> list[Picture]:
     return [Picture(svg_of(chart), caption) for chart in residual_charts(result)]
 
 
-def _machine(machine: HexaSlideMachine, tolerance_mm: float | None) -> Table:
-    """What was known of it before; tolerances of parts are standard deviations."""
-    table = new_table("machine", machine.name, left_columns=2)
-    box = machine.box
+def _machine(certified: CertifiedPostures) -> Table:
+    box, tolerances = certified.machine.box, certified.machine.tolerances
+    facts = {}
     for axis in "xyz":
         low, high = getattr(box, f"{axis}_mm")
-        table.add_row(f"box, {axis}", f"{low:g} … {high:g} mm")
+        facts[f"box, {axis}"] = f"{low:g} … {high:g} mm"
     for angle in COMPONENTS[3:]:
         low, high = getattr(box, f"{angle}_deg")
-        table.add_row(f"box, {angle}", f"{low:g} … {high:g}°")
-    tolerances = machine.tolerances
-    spread = f"{tolerances.start_mm:g}, {tolerances.joint_mm:g} and {tolerances.link_mm:g} mm"
-    table.add_row("tolerance of starts, joints and links (standard deviation)", spread)
-    platform = "not stated" if tolerance_mm is None else f"{tolerance_mm:g} mm r.m.s."
-    table.add_row("tolerance of the platform", platform)
-    return table
+        facts[f"box, {angle}"] = f"{low:g} … {high:g}°"
+    facts["tolerance of starts, joints and links (standard deviation)"] = (
+        f"{tolerances.start_mm:g}, {tolerances.joint_mm:g} and {tolerances.link_mm:g} mm"
+    )
+    return machine_table(certified, facts)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from rich.table import Table
 
-from app.evaluating.comparison import Verification
 from app.report.certificate import CertificateHead, Certified, CertifiedCalibration
 from app.report.charts.legs import LegFigure
 from app.report.pages.figures import leg_sheet_svg
@@ -115,7 +114,7 @@ def second_page(calibration: CertifiedCalibration, legs: Sequence[LegFigure]) ->
         caption += f" {len(legs) - MOST_LEGS} more are in the annex."
     sheet = [Picture(leg_sheet_svg(legs[:MOST_LEGS]), caption)] if legs else []
     return [
-        Section("Entered and verified", _verified(calibration.verification)),
+        Section("Entered and verified", _verified(calibration)),
         Section("Uncertainty", [UNCERTAINTY]),
         *([Section(heading, sheet)] if sheet else []),
         Section("Limits of this result", shortened_limits(calibration.limits)),
@@ -184,15 +183,28 @@ def result_parts(calibration: CertifiedCalibration) -> list[str | Table]:
     ]
 
 
-def _verified(verification: Verification | None) -> list[str | Table]:
+def _verified(calibration: CertifiedCalibration) -> list[str | Table]:
     """What a later session says of the values that were entered."""
-    if verification is None:
-        return [
-            "No session after the values were entered belongs to this document. What the tool "
-            "keeps with them is predicted from the readings, not measured."
-        ]
+    if (verification := calibration.verification) is None:
+        return [not_verified_words(calibration)]
     sentences = [decided(verification), *what_to_do(verification)]
     return [*map(_short_sentence, sentences), offsets_table(verification)]
+
+
+def not_verified_words(certified: Certified) -> str:
+    """The sentence of a document without a later session."""
+    return (
+        "No session after the values were entered belongs to this document. What the "
+        f"{certified.moved} keeps with them is predicted from the readings, not measured."
+    )
+
+
+def machine_table(certified: Certified, facts: Mapping[str, str]) -> Table:
+    """What was known of a machine before; tolerances of parts are standard deviations."""
+    limit_mm = certified.tolerance_mm
+    stated = "not stated" if limit_mm is None else f"{limit_mm:g} mm r.m.s."
+    rows = {**facts, f"tolerance of the {certified.moved}": stated}
+    return new_table("machine", certified.machine.name, left_columns=2, rows=rows.items())
 
 
 def shortened_limits(limits: Sequence[str], longest: int = LONGEST) -> list[str]:

@@ -44,13 +44,6 @@ HOLDS_WORDS = {
     "kinematics": "own kinematics (linuxcnc-kins)",
 }
 
-FORMATS_WORDS = {
-    "offsets": "joint offsets alone",
-    "play": "with play",
-    "tables": "with tables of the joints (linuxcnc)",
-    "kinematics": "with own kinematics (linuxcnc-kins)",
-}
-
 BOUND = "Tool over the workspace, r.m.s. (95 %): "
 """So the sentence on the bound begins, in results and in files."""
 
@@ -116,11 +109,6 @@ def off_line(frame: Frame, off_now: ToolOff, off: ToolOff) -> str:
     )
 
 
-def bound_line(correction: SessionCorrection) -> str:
-    """The bound of a correction as one line."""
-    return off_line(correction.frame, correction.off_now, correction.off)
-
-
 def left_out_lines(left_out: Iterable[LeftOut]) -> Iterator[str]:
     """Parts that are not entered, a line for each reason."""
     by_reason: dict[str, list[str]] = {}
@@ -132,7 +120,7 @@ def left_out_lines(left_out: Iterable[LeftOut]) -> Iterator[str]:
 
 def gain_line(result: SessionSolution, correction: SessionCorrection) -> str:
     """What other exports of the same controller would gain, as one line."""
-    labels = {**FORMATS_WORDS, correction.holds: "this export with the parts that it leaves out"}
+    labels = {**HOLDS_WORDS, correction.holds: "this export with the parts that it leaves out"}
     gains = [
         f"{labels[gain.holds]} at most {uncertain(gain.bound_mm)} mm"
         for gain in result.corrections.others(correction)
@@ -150,7 +138,7 @@ def correction_lines(result: SessionSolution, correction: SessionCorrection) -> 
     """What every file of a correction says of it."""
     change = result.printer_change if correction.holds != "kinematics" else None
     return (
-        bound_line(correction),
+        off_line(correction.frame, correction.off_now, correction.off),
         *left_out_lines(correction.left_out),
         firmware_line(change) if change else gain_line(result, correction),
         *warning_lines(result, correction),

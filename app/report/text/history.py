@@ -94,11 +94,6 @@ def waiting_sentences(history: History) -> list[str]:
     ]
 
 
-def machine_names(history: History) -> list[str]:
-    """The title of each machine, with the origin of its sessions."""
-    return [f"{past.machine}{ORIGIN_WORDS[past.origin]}" for past in history.all_machines]
-
-
 def machine_rows(history: History) -> list[str]:
     """A line for each machine, with the number of its sessions and the last one."""
     return [
@@ -108,8 +103,12 @@ def machine_rows(history: History) -> list[str]:
 
 def _rows(history: History) -> Iterator[tuple[str, int, str]]:
     """The name of each machine, how many sessions it has, and the day of the last one."""
-    for name, past in zip(machine_names(history), history.all_machines, strict=True):
-        yield name, len(past.points), f"{past.points[-1].entry.began:%Y-%m-%d}"
+    for past in history.all_machines:
+        yield (
+            f"{past.machine}{ORIGIN_WORDS[past.origin]}",
+            len(past.points),
+            f"{past.points[-1].entry.began:%Y-%m-%d}",
+        )
 
 
 def machines_table(history: History) -> Table:

@@ -293,14 +293,10 @@ def bound_sentence(
 ) -> str:
     """What the tool keeps with the values to enter, and without; they may be ``entered`` since."""
     now, then = (beside(mm, tolerance_mm) for mm in (correction.now_mm, correction.bound_mm))
-    if entered:
-        return (
-            f"Predicted with the values entered: the tool is off by at most {then} mm r.m.s. over "
-            f"the workspace (95 %), {FRAME_WORDS[frame]}; before by at most {now} mm."
-        )
+    begin = "Predicted with the" if entered else "With these"
     return (
-        f"With these values entered the tool is off by at most {then} mm r.m.s. over the "
-        f"workspace (95 %), {FRAME_WORDS[frame]}; now by at most {now} mm."
+        f"{begin} values entered{':' * entered} the tool is off by at most {then} mm r.m.s. over "
+        f"the workspace (95 %), {FRAME_WORDS[frame]}; {before_or_now(entered)} by at most {now} mm."
     )
 
 

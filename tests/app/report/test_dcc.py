@@ -241,7 +241,7 @@ def test_another_library_reads_the_numbers_of_the_report(dcc: ModuleType, order:
     head = "Calibration of a parallel kinematic machine"
     real = read_by_others(dcc, written(order, SIMULATED).encode())
     result = solve_files([SIMULATED])
-    half_widths_mm = result.corrections.half_widths_mm()
+    half_widths_mm = result.corrections.uncertainties_mm()[1]
     for leg, value_mm, half_mm in zip("xyz", result.joint_offsets_mm, half_widths_mm, strict=True):
         offset = real[f"{head} Values to enter d_rho_{leg}"]
         assert number(offset, "value") == value_mm

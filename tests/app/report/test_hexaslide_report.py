@@ -67,7 +67,7 @@ def test_the_report_says_what_is_to_be_entered(pair: tuple[Path, Path], tmp_path
     assert "FAIL, as it was measured" in text
     assert "NOT IDENTIFIABLE, left as the machine file has it: platform frame turned" in text
     assert "SIMULATED" in text
-    assert "No session after the calibrated machine was entered" in text
+    assert "No session after the values were entered" in text
     assert output.read_text("utf-8").count("data:image/svg+xml") == 2
 
 

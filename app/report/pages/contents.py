@@ -9,7 +9,6 @@ from rich.table import Table
 
 from app.evaluating.comparison import Verification
 from app.evaluating.diagnosis import SessionDiagnosis
-from app.evaluating.printer import tower_names
 from app.evaluating.solution import SessionSolution
 from app.report.certificate import CertificateHead, CertifiedCalibration
 from app.report.charts import results as charts
@@ -32,27 +31,19 @@ from app.report.text.correction import (
     before_or_now,
     shown_value,
 )
-from app.report.text.diagnosis import (
-    candidates_table,
-    effects_text,
-    gap_text,
-    shown_candidates,
-)
+from app.report.text.diagnosis import diagnosis_parts, shown_candidates
 from app.report.text.model import effect_words
 from app.report.text.result import (
     DECISION_RULE,
     bound_sentence,
-    decided,
     indicator_words,
     left_out_words,
-    offsets_table,
     value_parts,
+    verification_parts,
     view_parts,
-    what_to_do,
 )
 from app.report.text.tables import LEAST_MM, new_table, signed, uncertain
 from calib.arrays import LEG_NAMES
-from calib.diagnosis.results import Diagnosis
 from calib.diagnosis.vectors import vector_maps
 from calib.identify.solution import Solution
 from calib.printable import printable
@@ -297,45 +288,30 @@ def _again(verification: Verification) -> Section:
     caption = f"Each difference before and after the offsets were entered{WHISKER_WORDS}"
     return Section(
         "Measured again, with the offsets entered",
-        [
-            decided(verification),
-            *what_to_do(verification),
-            *compared.remarks,
-            offsets_table(verification),
-            Picture(figures.bars_svg(chart), caption),
-        ],
+        [*verification_parts(verification), Picture(figures.bars_svg(chart), caption)],
     )
 
 
 def _missing(diagnosed: SessionDiagnosis) -> Section:
-    """The diagnosis: where readings and model disagree, and which effects explain it."""
+    """The diagnosis, with pictures of what each candidate and what the names leave."""
     diagnosis = diagnosed.diagnosis
-    residuals = figures.svg_of(charts.residuals_before_and_after(diagnosis.residuals.cells))
-    return Section(
-        "What is missing from the model",
-        [
-            gap_text(diagnosed),
-            effects_text(diagnosis.effects, tower_names(diagnosed.sessions[0].opened.machine)),
-            *_evidence(diagnosis),
-            Picture(residuals, "Mean residual of each posture; grey: twice its noise."),
-        ],
-    )
-
-
-def _evidence(diagnosis: Diagnosis) -> Sequence[Table | Picture]:
-    """What speaks for the names, and for those that were not given."""
-    if not (candidates := shown_candidates(diagnosis)):
-        return ()
-    bars = [
-        (printable(f"{c.id} ({c.where})"), 1000.0 * c.gap_rms_after_mm, not c.reason_rejected)
-        for c in candidates
+    pictures = [
+        Picture(
+            figures.svg_of(charts.residuals_before_and_after(diagnosis.residuals.cells)),
+            "Mean residual of each posture; grey: twice its noise.",
+        )
     ]
-    sentence = (
-        "Evidence: what each candidate leaves of the gap. The shorter its bar, the more the "
-        "readings speak for it; it is named where nothing else explains them as well."
-    )
-    picture = Picture(figures.evidence_svg(bars, 1000.0 * diagnosis.gap_before.rms_mm), sentence)
-    return candidates_table(candidates), picture
+    if bars := [
+        (printable(f"{c.id} ({c.where})"), 1000.0 * c.gap_rms_after_mm, not c.reason_rejected)
+        for c in shown_candidates(diagnosis)
+    ]:
+        caption = (
+            "Evidence: what each candidate leaves of the gap. The shorter its bar, the more the "
+            "readings speak for it; it is named where nothing else explains them as well."
+        )
+        gap_um = 1000.0 * diagnosis.gap_before.rms_mm
+        pictures.insert(0, Picture(figures.evidence_svg(bars, gap_um), caption))
+    return Section("What is missing from the model", [*diagnosis_parts(diagnosed), *pictures])
 
 
 def _fit(result: SessionSolution) -> Section:

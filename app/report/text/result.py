@@ -455,13 +455,19 @@ NOT_SHOWN = (
 def verification_text(verification: Verification) -> str:
     """The decision first, then what was expected and found, then what to do."""
     earlier, later = verification.compared.before, verification.compared.after
-    return paragraphs(
-        [f"before: {earlier.names[0]}", f"after:  {later.names[0]}"],
-        f"{decided(verification)} At most {uncertain(earlier.entered.bound_mm)} mm was expected.",
+    head = [f"before: {earlier.names[0]}", f"after:  {later.names[0]}"]
+    return paragraphs(head, *verification_parts(verification))
+
+
+def verification_parts(verification: Verification) -> list[str | Table]:
+    """The decision, what was expected and found, what to do, what to know of the sessions."""
+    expected_mm = verification.compared.before.entered.bound_mm
+    return [
+        f"{decided(verification)} At most {uncertain(expected_mm)} mm was expected.",
         offsets_table(verification),
         "\n".join(what_to_do(verification)),
         *(f"Remark: {remark}" for remark in verification.compared.remarks),
-    )
+    ]
 
 
 def offsets_table(verification: Verification) -> Table:

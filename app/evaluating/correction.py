@@ -12,15 +12,7 @@ from calib.arrays import LEG_NAMES, FloatArray, Observations
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.noise.reading import IndicatorFigures, Noise
 from calib.posterior.cells import FINEST_MM, HOMING_MM, Cells, SessionCase
-from calib.posterior.correction import (
-    HOLDS,
-    Correction,
-    Holds,
-    LeftOut,
-    ToolOff,
-    correction,
-    doubt,
-)
+from calib.posterior.correction import HOLDS, Correction, Holds, LeftOut, ToolOff, correction, doubt
 from calib.posterior.entered import (
     nothing_entered,
     offset_uncertainties_mm,

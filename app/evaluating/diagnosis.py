@@ -54,10 +54,7 @@ from protocols.model_file import (
     with_expected,
 )
 from protocols.motion import seconds_per_step
-from protocols.observations import (
-    changed_between,
-    corrected_readings,
-)
+from protocols.observations import changed_between, corrected_readings
 from protocols.record import read_record
 from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
 

@@ -21,7 +21,7 @@ from pydantic import ValidationError
 
 from app.evaluating.posture_history import (
     PastEntry,
-    PastMachine,
+    PastSessions,
     PostureEntry,
     PostureHistory,
     PostureSessions,
@@ -92,7 +92,7 @@ N = TypeVar("N", bound=AnyEntry)
 
 
 @dataclass(frozen=True, eq=False)
-class MachineHistory(PastMachine[Entry]):
+class MachineHistory(PastSessions[Entry]):
     """Sessions of one machine; ``joints`` are offsets x, y, z over ``days``.
 
     ``due`` is when the drift that is shown will have used up the tolerance, None where there is no
@@ -210,7 +210,8 @@ def read_history(
             if (first_path := path_by_digest.setdefault(key, path)) != path:
                 problem_by_path[path] = f"{path}: the same session as {first_path}, used once."
                 continue
-            entry = remembered.entry(key, of_postures=kind is not None)
+            of_kind: type[AnyEntry] = PostureEntry if kind else Entry
+            entry = remembered.get(key, of_kind)
             if entry is not None:
                 entries[path] = entry
             if entry is None or (effects and entry.effects is None and entry.has_result):
@@ -303,8 +304,8 @@ def known_decisions(
         for path in paths:
             with suppress(GlidecalError):
                 key = key_of(read_bytes(path, "session", MOST_BYTES))
-                for of_postures in (False, True):
-                    if entry := remembered.entry(key, of_postures=of_postures):
+                for kind in (Entry, PostureEntry):
+                    if entry := remembered.get(key, kind):
                         decisions[path] = entry.decision
     return decisions
 
@@ -433,10 +434,6 @@ class Index:
         data.execute("CREATE TABLE IF NOT EXISTS entry (digest TEXT PRIMARY KEY, said TEXT)")
         data.execute("SELECT digest, said FROM entry LIMIT 1").fetchone()
         return data
-
-    def entry(self, digest: str, *, of_postures: bool) -> AnyEntry | None:
-        """The entry of a session of either kind; None where there is none that can be read."""
-        return self.get(digest, PostureEntry) if of_postures else self.get(digest, Entry)
 
     def get(self, digest: str, kind: type[E]) -> E | None:
         """None where there is none that can be read."""

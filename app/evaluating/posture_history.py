@@ -87,7 +87,7 @@ def in_turn(
 
 
 @dataclass(frozen=True)
-class PastMachine(Generic[E]):
+class PastSessions(Generic[E]):
     """Sessions of one machine by their date, all of one origin.
 
     Machines are known apart by name and serial number; ``machine`` is both. What was simulated or
@@ -114,7 +114,7 @@ class PastMachine(Generic[E]):
         return None
 
 
-class PostureHistory(PastMachine[PostureEntry]):
+class PostureHistory(PastSessions[PostureEntry]):
     """Sessions of postures of one machine."""
 
 

@@ -26,11 +26,9 @@ from protocols.certificate import CertificateOrder, InstrumentIdentity, Laborato
 from protocols.documents import MOST_BYTES, Document, Name, read_bytes, read_remembered
 from protocols.effect_entries import EffectEntry
 from protocols.files import write_files
-from protocols.hexaslide import HexaSlideMachine
-from protocols.hexaslide_session import PosturesOpened
 from protocols.machine import Machine
 from protocols.model_file import read_model_file
-from protocols.session import Line, Opened, Session
+from protocols.session import Beginning, Line, Session
 
 MOST_LOGO_BYTES, MOST_LOGO_PIXELS = 1_000_000, 20_000_000
 DIGEST_LETTERS = 12
@@ -62,19 +60,26 @@ class CertificateHead:
 
 @dataclass(frozen=True, eq=False)
 class CertifiedRecord:
-    """A record that results are from: how it began, the readings that count, its digest."""
+    """A record that results are from: how it began, the readings that count, its digest.
+
+    ``procedure`` is None of a table of readings.
+    """
 
     name: str
     digest: str
-    opened: Opened | PosturesOpened
+    opened: Beginning
     readings: Sequence[Line]
+    operator: str
+    temperature_c: float | None
+    procedure: str | None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Certified:
     """What report and certificate state of a machine, whichever kind it is.
 
-    ``machine`` is as it was known before; the record of a later session is the last one. ``gauge``
+    ``name`` and ``serial_number`` are those of the machine file. The last record is that of a later
+    session. ``gauge``
     is the word for what measured, ``attached`` a sentence on what the operator attached. ``moved``,
     the tool or the platform, has the tolerance; ``decisions`` are by what was judged, None where it
     was not; all depends on the ``terms`` beside the records. ``warnings`` must be known before
@@ -83,7 +88,8 @@ class Certified:
     """
 
     head: CertificateHead | None
-    machine: Machine | HexaSlideMachine
+    name: str
+    serial_number: str | None
     records: tuple[CertifiedRecord, ...]
     gauge: str
     instruments: tuple[InstrumentIdentity, ...]
@@ -105,7 +111,7 @@ class Certified:
     def serial_numbers(self) -> tuple[str, ...]:
         """Serial numbers of the machine: the order's, and the record's where that is another."""
         ordered = self.head.order.machine.serial_number if self.head else None
-        return tuple(dict.fromkeys(filter(None, (ordered, self.machine.serial_number))))
+        return tuple(dict.fromkeys(filter(None, (ordered, self.serial_number))))
 
     @property
     def digests(self) -> tuple[str, ...]:
@@ -215,11 +221,21 @@ def calibration_of(
     if model:
         content = read_bytes(model, "model file", MOST_BYTES)
         terms += f", model {sha256(content).hexdigest()[:DIGEST_LETTERS]}"
-    diagnosis = diagnosed.diagnosis
+    diagnosis, machine = diagnosed.diagnosis, sessions[0].opened.machine
     return CertifiedCalibration(
         head=head,
-        machine=sessions[0].opened.machine,
-        records=tuple(CertifiedRecord(s.name, s.digest, s.opened, s.readings) for s in sessions),
+        name=machine.name,
+        serial_number=machine.serial_number,
+        machine=machine,
+        records=tuple(
+            CertifiedRecord(
+                *(session.name, session.digest, opened, session.readings),
+                *(opened.operator, opened.temperature_c),
+                opened.procedure.name if opened.procedure else None,
+            )
+            for session in sessions
+            for opened in [session.opened]
+        ),
         gauge=gauge_word(result),
         instruments=_instruments(sessions, head),
         completeness=f"{diagnosis.verdict}: {diagnosis.sentence}",

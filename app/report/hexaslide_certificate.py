@@ -73,24 +73,16 @@ def certified_postures(
     later_path: Path | None = None,
     tolerance_mm: float | None = None,
     head: CertificateHead | None = None,
+    result: PostureResult | None = None,
 ) -> CertifiedPostures:
-    """Certify a session and a later one. Raises as `posture_result` and `verify_sessions`."""
+    """Certify a session, of which the ``result`` may be there already, and a later one.
+
+    The tolerance is that of the verification, else as given, else of the machine file. Raises as
+    `posture_result` and `verify_sessions`.
+    """
     check_tolerance(tolerance_mm)
     verified = verify_sessions(path, later_path, tolerance_mm) if later_path else None
-    return certified_from(posture_result(path), later_path, verified, tolerance_mm, head)
-
-
-def certified_from(
-    result: PostureResult,
-    later_path: Path | None = None,
-    verified: VerifiedMachine | None = None,
-    tolerance_mm: float | None = None,
-    head: CertificateHead | None = None,
-) -> CertifiedPostures:
-    """Certify results that are there.
-
-    The tolerance is that of the verification, else as given, else of the machine file.
-    """
+    result = result or posture_result(path)
     calibration, diagnosis = result.calibration, result.diagnosis
     machine, document = calibration.source.machine, HexaSlideCalibrationReport.of(calibration)
     tolerance_mm = tolerance_mm or machine.platform_tolerance_mm
@@ -100,10 +92,16 @@ def certified_from(
     pairs = [(result.session, result.record), *([read_postures(later_path)] if later_path else [])]
     return CertifiedPostures(
         head=head,
+        name=machine.name,
+        serial_number=machine.serial_number,
         machine=machine,
         records=tuple(
-            CertifiedRecord(session.name, record.digest, session.opened, session.readings)
+            CertifiedRecord(
+                *(session.name, record.digest, opened, session.readings),
+                *(opened.operator, opened.temperature_c, opened.procedure.name),
+            )
             for session, record in pairs
+            for opened in [session.opened]
         ),
         gauge="instrument",
         instruments=head.order.instrument if head else (),

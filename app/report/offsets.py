@@ -13,13 +13,7 @@ from app.evaluating.printer import PrinterChange
 from app.evaluating.solution import LineParameter, SessionSolution, solve_files
 from app.report.schema.solution import Offset
 from app.report.text.caveats import caveats, caveats_of_view
-from app.report.text.correction import (
-    BOUND,
-    FRAME_WORDS,
-    correction_lines,
-    off_line,
-    view_words,
-)
+from app.report.text.correction import BOUND, FRAME_WORDS, correction_lines, off_line, view_words
 from app.version import program
 from calib.errors import RecordError, UsageError
 from calib.identify.solution import Method, Subset

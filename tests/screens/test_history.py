@@ -15,8 +15,7 @@ from textual.widgets import OptionList, TabbedContent, TabPane
 from app.evaluating.history import Entry, History, history_of_machine, read_history
 from app.evaluating.posture_history import PostureEntry, posture_history
 from app.report.charts.characters import chart_text
-from app.report.charts.posture_history import platform_figure
-from app.report.charts.results import control_charts
+from app.report.charts.history import control_charts, platform_figure
 from app.report.text.history import machine_parts
 from app.screens.history import HistoryScreen
 from app.screens.home import HomeScreen

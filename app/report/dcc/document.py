@@ -82,7 +82,6 @@ def check_head(head: CertificateHead | None) -> CertificateHead:
 def certificate_xml(certified: Certified, results: Iterable[Result]) -> str:
     """The certificate, not signed. Raises as `check_head`."""
     head, records = check_head(certified.head), certified.records
-    procedures = [record.opened.procedure for record in records]
     text = _template().render(
         certified=certified,
         results=list(results),
@@ -91,11 +90,11 @@ def certificate_xml(certified: Certified, results: Iterable[Result]) -> str:
         laboratory=head.laboratory,
         days=sorted(day for r in records for day in measured_days(r.opened, r.readings)),
         dated=all(is_dated(record.opened) for record in records),
-        procedures=dict.fromkeys(p.name if p else "table of readings" for p in procedures),
+        procedures=dict.fromkeys(r.procedure or "table of readings" for r in records),
         temperatures=[
-            CertifiedValue(f"temperature, {r.name}", r.opened.temperature_c, UNITS["°C"])
+            CertifiedValue(f"temperature, {r.name}", r.temperature_c, UNITS["°C"])
             for r in records
-            if r.opened.temperature_c is not None
+            if r.temperature_c is not None
         ],
         tolerance=CertifiedValue("tolerance", certified.tolerance_mm or 0.0),
         probability=COVERAGE_PROBABILITY,

@@ -26,11 +26,7 @@ from app.report.pages.two_pages import (
     second_page,
 )
 from app.report.text.caveats import taken_word
-from app.report.text.correction import (
-    FRAME_WORDS,
-    before_or_now,
-    shown_value,
-)
+from app.report.text.correction import FRAME_WORDS, before_or_now, shown_value, value_parts
 from app.report.text.diagnosis import diagnosis_parts, shown_candidates
 from app.report.text.model import effect_words
 from app.report.text.result import (
@@ -38,7 +34,6 @@ from app.report.text.result import (
     bound_sentence,
     indicator_words,
     left_out_words,
-    value_parts,
     verification_parts,
     view_parts,
 )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from app.evaluating.hexaslide_calibration import CalibratedMachine
+from app.evaluating.hexaslide import PostureResult
 from app.report.certificate import NOT_JUDGED, CertificateHead
 from app.report.charts.hexaslide import drawn_machine, residual_charts
 from app.report.hexaslide_certificate import CertifiedPostures, certified_postures, machine_numbers
@@ -66,16 +66,13 @@ def source_of_postures(
     later_path: Path | None = None,
     tolerance_mm: float | None = None,
     head: CertificateHead | None = None,
+    result: PostureResult | None = None,
 ) -> ReportSource:
     """The report of a session, with what a later one says of the machine that was entered.
 
-    Raises as `certified_postures`.
+    The ``result`` of the session may be there already. Raises as `certified_postures`.
     """
-    return source_from(certified_postures(path, later_path, tolerance_mm, head))
-
-
-def source_from(certified: CertifiedPostures) -> ReportSource:
-    """The report of results that are there."""
+    certified = certified_postures(path, later_path, tolerance_mm, head, result)
 
     def results() -> Iterable[Result]:
         from app.report.dcc.hexaslide import results_of
@@ -91,6 +88,8 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
     calibration, limits = result.calibration, certified.limits
     opened = [session.opened for session in certified.sessions]
     enter = ENTER if is_shown_better(document) else KEEP
+    caption = "Measured less predicted with the calibrated machine, by posture."
+    pictures = [Picture(svg_of(chart), caption) for chart in residual_charts(calibration)]
     facts: list[Fact] = [
         ("postures used", (f"{len(session.readings)}" for session in certified.sessions)),
         ("origin", dict.fromkeys(start.origin for start in opened)),
@@ -109,7 +108,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
         ),
         second_page=[
             Section("Entered and verified", _verified(certified)),
-            Section("What is left at each posture", _charts(calibration)),
+            Section("What is left at each posture", pictures),
             Section("Limits of this result", shortened_limits(limits, LONGEST_OF_POSTURES)),
         ],
         sections=[
@@ -215,11 +214,6 @@ def _drawn(machine_file: HexaSlideMachine) -> Picture:
     if not machine.geometry.telescopic:
         caption += "; dotted: rails, as far as the sliders go there"
     return Picture(drawings_svg(drawn_machine(machine, machine.box.centre)), f"{caption}.")
-
-
-def _charts(result: CalibratedMachine) -> list[Picture]:
-    caption = "Measured less predicted with the calibrated machine, by posture."
-    return [Picture(svg_of(chart), caption) for chart in residual_charts(result)]
 
 
 def _machine(certified: CertifiedPostures) -> Table:

@@ -10,9 +10,8 @@ from rich.table import Table
 
 from app.evaluating.history import History, MachineHistory
 from app.evaluating.posture_history import PostureHistory
+from app.report.charts.history import control_charts, platform_chart
 from app.report.charts.legs import LegFigure
-from app.report.charts.posture_history import platform_chart
-from app.report.charts.results import control_charts
 from app.report.pages.figures import legs_svg, svg_of
 from app.report.pages.two_pages import Picture, Section
 from app.report.text import history as texts

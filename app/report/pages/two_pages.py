@@ -11,11 +11,7 @@ from app.report.certificate import CertificateHead, Certified, CertifiedCalibrat
 from app.report.charts.legs import LegFigure
 from app.report.pages.figures import leg_sheet_svg
 from app.report.text.caveats import taken_word
-from app.report.text.correction import (
-    FRAME_WORDS,
-    bound_table,
-    correction_table,
-)
+from app.report.text.correction import FRAME_WORDS, bound_table, correction_table
 from app.report.text.printer import change_tables
 from app.report.text.result import DECISION_RULE, decided, offsets_table, what_to_do
 from app.report.text.tables import new_table
@@ -82,15 +78,13 @@ def first_page(
 def _object(certified: Certified, name: str, facts: Iterable[Fact]) -> Table:
     """The machine, the customer, the sessions that were measured with further ``facts`` on them."""
     records = certified.records
-    opened = [record.opened for record in records]
-    procedures = (start.procedure.name if start.procedure else None for start in opened)
     table = new_table("object", shortened(name), left_columns=2)
     for heading, values in (
         *_ordered_facts(certified.head, certified.serial_numbers),
         ("measured", dict.fromkeys(day_words(r.opened, r.readings) for r in records)),
-        ("operator", dict.fromkeys(start.operator for start in opened)),
-        ("temperature", dict.fromkeys(celsius_words(start.temperature_c) for start in opened)),
-        ("procedure", dict.fromkeys(procedures)),
+        ("operator", dict.fromkeys(record.operator for record in records)),
+        ("temperature", dict.fromkeys(celsius_words(r.temperature_c) for r in records)),
+        ("procedure", dict.fromkeys(record.procedure for record in records)),
         *facts,
     ):
         table.add_row(heading, shortened(", ".join(filter(None, values))) or "not stated")
@@ -204,7 +198,7 @@ def machine_table(certified: Certified, facts: Mapping[str, str]) -> Table:
     limit_mm = certified.tolerance_mm
     stated = "not stated" if limit_mm is None else f"{limit_mm:g} mm r.m.s."
     rows = {**facts, f"tolerance of the {certified.moved}": stated}
-    return new_table("machine", certified.machine.name, left_columns=2, rows=rows.items())
+    return new_table("machine", certified.name, left_columns=2, rows=rows.items())
 
 
 def shortened_limits(limits: Sequence[str], longest: int = LONGEST) -> list[str]:

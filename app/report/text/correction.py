@@ -9,10 +9,12 @@ from rich.table import Table
 
 from app.evaluating.correction import SessionCorrection
 from app.evaluating.printer import PrinterChange
-from app.evaluating.solution import SessionSolution
-from app.report.text.tables import new_table, signed, uncertain
+from app.evaluating.solution import LineParameter, SessionSolution
+from app.report.text.printer import change_parts
+from app.report.text.tables import new_table, result_table, signed, uncertain
 from calib.identify.solution import Subset
 from calib.posterior.tool import FRAMES
+from protocols.data_table import DataTable
 
 if TYPE_CHECKING:
     from calib.posterior.correction import LeftOut, ToolOff
@@ -95,6 +97,36 @@ def gains_table(result: SessionSolution) -> Table:
     for gain in result.others:
         table.add_row(HOLDS_WORDS[gain.holds], uncertain(gain.bound_mm))
     return table
+
+
+def value_parts(
+    result: SessionSolution, values: Table, *, entered: bool = False
+) -> list[str | Table]:
+    """Doubts, the ``values`` or those of a printer's firmware, the bound, what else helps.
+
+    The values may be ``entered`` since.
+    """
+    correction = result.correction
+    bound = bound_table(correction.frame, correction.off_now, result.entered.off, entered=entered)
+    if change := result.printer_change:
+        doubts = "\n".join(doubt_lines(result))
+        return [doubts, *change_parts(result, change), bound, *line_parts(result)]
+    return [
+        "\n".join(warning_lines(result, correction)),
+        values,
+        bound,
+        "" if result.reads_tool else UNSEEN,
+        gains_table(result),
+        *line_parts(result),
+        "\n".join(left_out_lines(correction.left_out)),
+    ]
+
+
+def line_parts(result: SessionSolution) -> list[str | Table]:
+    """Lines of the drives within their tolerances; nothing where the machine file has none."""
+    if not result.lines:
+        return []
+    return [result_table(DataTable.of(LineParameter, result.lines))]
 
 
 def off_line(frame: Frame, off_now: ToolOff, off: ToolOff) -> str:

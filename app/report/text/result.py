@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from app.evaluating.comparison import BothValues, Comparison, RemainingOffset, both_values
-from app.evaluating.solution import LineParameter, SessionSolution
+from app.evaluating.solution import SessionSolution
 from app.report.text.caveats import (
     UNKNOWN_HOME_OFFSET,
     caveats,
@@ -21,16 +21,10 @@ from app.report.text.caveats import (
 from app.report.text.correction import (
     FRAME_WORDS,
     SUBSET_WORDS,
-    UNSEEN,
     before_or_now,
-    bound_table,
     correction_table,
-    doubt_lines,
-    gains_table,
-    left_out_lines,
-    warning_lines,
+    value_parts,
 )
-from app.report.text.printer import change_parts
 from app.report.text.tables import (
     PAGE_HELP,
     beside,
@@ -85,36 +79,6 @@ def entered_parts(result: SessionSolution) -> list[str | Table]:
     )
     parts = value_parts(result, correction_table(result.correction))
     return [head, *parts, "\n".join(caveats(result))]
-
-
-def value_parts(
-    result: SessionSolution, values: Table, *, entered: bool = False
-) -> list[str | Table]:
-    """Doubts, the ``values`` or those of a printer's firmware, the bound, what else helps.
-
-    The values may be ``entered`` since.
-    """
-    correction = result.correction
-    bound = bound_table(correction.frame, correction.off_now, result.entered.off, entered=entered)
-    if change := result.printer_change:
-        doubts = "\n".join(doubt_lines(result))
-        return [doubts, *change_parts(result, change), bound, *line_parts(result)]
-    return [
-        "\n".join(warning_lines(result, correction)),
-        values,
-        bound,
-        "" if result.reads_tool else UNSEEN,
-        gains_table(result),
-        *line_parts(result),
-        "\n".join(left_out_lines(correction.left_out)),
-    ]
-
-
-def line_parts(result: SessionSolution) -> list[str | Table]:
-    """Lines of the drives within their tolerances; nothing where the machine file has none."""
-    if not result.lines:
-        return []
-    return [result_table(DataTable.of(LineParameter, result.lines))]
 
 
 def view_parts(result: SessionSolution) -> list[str | Table]:

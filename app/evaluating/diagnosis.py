@@ -374,9 +374,7 @@ def _expected(model: ModelFile, sessions: Sequence[Session]) -> ModelFile:
     """
     effects = known_effects()
     corrections = ControllerCorrections.of_sessions(
-        sessions,
-        to_model(model, "model", effects),
-        free=free_effects(model, effects),
+        sessions, to_model(model, "model", effects), free=free_effects(model, effects)
     )
     posterior = corrections.posterior
     model = with_expected(model, posterior.size_of, effects)

@@ -336,12 +336,9 @@ def verify_sessions(
     tolerance = tolerance_mm or next(filter(None, tolerances_mm), None)
     decision = None if tolerance is None else decided(later, tolerance)
     is_same = earlier.source.machine == later.source.machine
-    remarks = tuple(_order_remarks(*files))
+    began = [file.began for file in files if file.began is not None]
+    remarks: tuple[str, ...] = ()
+    if began != sorted(began):
+        remarks = (f"{later.name} is older than {earlier.name}: is the order right?",)
     warnings = files[0].warnings + files[1].warnings
     return VerifiedMachine(earlier, later, tolerance, decision, is_same, remarks, warnings)
-
-
-def _order_remarks(earlier: MeasuredFile, later: MeasuredFile) -> Iterator[str]:
-    """Whether the later session was measured later, where both files tell."""
-    if earlier.began is not None and later.began is not None and later.began < earlier.began:
-        yield f"{later.name} is older than {earlier.name}: is the order right?"

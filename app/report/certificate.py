@@ -222,6 +222,7 @@ def calibration_of(
         content = read_bytes(model, "model file", MOST_BYTES)
         terms += f", model {sha256(content).hexdigest()[:DIGEST_LETTERS]}"
     diagnosis, machine = diagnosed.diagnosis, sessions[0].opened.machine
+    change = result.printer_change
     return CertifiedCalibration(
         head=head,
         name=machine.name,
@@ -239,7 +240,9 @@ def calibration_of(
         gauge=gauge_word(result),
         instruments=_instruments(sessions, head),
         completeness=f"{diagnosis.verdict}: {diagnosis.sentence}",
-        warnings=_warnings(result),
+        warnings=[*doubt_lines(result), *change_answers(result, change)]
+        if change
+        else [*warning_lines(result, result.correction)],
         limits=_limits(result, diagnosed, effects),
         moved="tool",
         tolerance_mm=tolerance_mm,
@@ -277,12 +280,6 @@ def _instruments(
         if not (ordered and session.opened.origin == "imported")
     )
     return tuple(dict.fromkeys((*recorded, *ordered)))
-
-
-def _warnings(result: SessionSolution) -> list[str]:
-    if change := result.printer_change:
-        return [*doubt_lines(result), *change_answers(result, change)]
-    return [*warning_lines(result, result.correction)]
 
 
 def _limits(

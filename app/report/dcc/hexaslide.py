@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from app.report.dcc.document import UNITS, CertifiedValue, Result
 from app.report.hexaslide_certificate import CertifiedPostures, machine_numbers
 from app.report.schema.hexaslide import PlatformReport
-from protocols.hexaslide import HexaSlideMachine
 
 THOUSANDTHS = {"m": UNITS["mm"], "rad": UNITS["mrad"]}
 NOT_ALONE = (
@@ -24,7 +23,11 @@ def results_of(certified: CertifiedPostures) -> Iterator[Result]:
     """The machine to enter, what is known of it, and errors of the platform."""
     document = certified.document
     text = SOME_ALONE if document.individually_known else NOT_ALONE
-    yield Result("Values to enter", text, [*_entered(certified.calibrated)])
+    entered = [
+        CertifiedValue(f"{part}: {key}", value, UNITS["m/m" if key.startswith("rail") else "mm"])
+        for part, key, value in machine_numbers(certified.calibrated)
+    ]
+    yield Result("Values to enter", text, entered)
     yield Result(
         "Error of the platform over the box",
         "Places of its origin, frames that no reading shows, and that of a tracker, laid over.",
@@ -81,10 +84,3 @@ def _platform(platform: PlatformReport, now: str, bound: str) -> Iterator[Certif
     if platform.bound_rms_mm is not None:
         text = "Upper 95 % bound of the root mean square."
         yield CertifiedValue(f"bound, {bound}", platform.bound_rms_mm, words=text)
-
-
-def _entered(machine: HexaSlideMachine) -> Iterator[CertifiedValue]:
-    """Keys of the machine file."""
-    for part, key, value in machine_numbers(machine):
-        unit = UNITS["m/m" if key.startswith("rail") else "mm"]
-        yield CertifiedValue(f"{part}: {key}", value, unit)

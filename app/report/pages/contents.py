@@ -103,10 +103,7 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
         decision=calibration.decision,
         sentences=(
             bound_sentence(
-                result.entered,
-                result.frame,
-                calibration.tolerance_mm,
-                entered=verified is not None,
+                result.entered, result.frame, calibration.tolerance_mm, entered=verified is not None
             ),
             f"{diagnosis.verdict.upper()}. {diagnosis.sentence}",
         ),

@@ -112,10 +112,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
             Section("Limits of this result", shortened_limits(limits, LONGEST_OF_POSTURES)),
         ],
         sections=[
-            Section(
-                "What was measured",
-                [_machine(certified), _drawn(machine)],
-            ),
+            Section("What was measured", [_machine(certified), _drawn(machine)]),
             Section("What to enter in the controller", [enter, _values(certified)]),
             Section(
                 "Parameters",
@@ -125,10 +122,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
             Section("What is missing from the model", missing_parts(result)),
             Section(
                 "What the calibrated machine leaves",
-                [
-                    *left_parts(document),
-                    check_words(HexaSlideCalibrationReport.of(result.checked)),
-                ],
+                [*left_parts(document), check_words(HexaSlideCalibrationReport.of(result.checked))],
             ),
             *map(_readings, certified.sessions),
         ],

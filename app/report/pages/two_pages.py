@@ -60,10 +60,7 @@ class Section:
 
 
 def first_page(
-    certified: Certified,
-    name: str,
-    facts: Iterable[Fact],
-    result: Sequence[str | Table],
+    certified: Certified, name: str, facts: Iterable[Fact], result: Sequence[str | Table]
 ) -> list[Section]:
     """What was calibrated for whom, how and with what, and the result."""
     table = _object(certified, name, facts)

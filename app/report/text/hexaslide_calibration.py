@@ -93,11 +93,7 @@ def verification_lines(verification: VerifiedMachine) -> list[str]:
         decision = verification.decision.upper()
     else:
         off += " There is no --tolerance, and no platform_tolerance_mm in the machine file."
-    return [
-        f"{decision}: {off}",
-        f"Before: {was_mm:.3g} mm r.m.s.",
-        *_next_lines(verification),
-    ]
+    return [f"{decision}: {off}", f"Before: {was_mm:.3g} mm r.m.s.", *_next_lines(verification)]
 
 
 def off_words(result: CalibratedMachine, tolerance_mm: float | None) -> str:

@@ -29,11 +29,10 @@ from app.report.pages.two_pages import (
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import (
     check_words,
-    figure_lines,
     is_shown_better,
     left_parts,
     off_words,
-    parameter_table,
+    parameter_parts,
     verification_lines,
 )
 from app.report.text.hexaslide_diagnosis import missing_parts, verdict_line
@@ -114,10 +113,7 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
         sections=[
             Section("What was measured", [_machine(certified), _drawn(machine)]),
             Section("What to enter in the controller", [enter, _values(certified)]),
-            Section(
-                "Parameters",
-                [parameter_table(document), *figure_lines(document, calibration.fit.factor)],
-            ),
+            Section("Parameters", parameter_parts(document, calibration.fit.factor)),
             Section("What limits this result", limits),
             Section("What is missing from the model", missing_parts(result)),
             Section(

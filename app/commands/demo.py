@@ -68,8 +68,9 @@ def demo(
     if controller is not None:  # the whole loop: what the first session shows is named, too
         from app.evaluating.diagnosis import diagnose_files
         from app.report.text.diagnosis import headline
+        from app.report.text.tables import wrapped
 
-        verdict_words = headline(diagnose_files([plan.path]).diagnosis)
+        verdict_words = wrapped(headline(diagnose_files([plan.path]).diagnosis))
         typer.echo(f"\n{NAMED.format(plan.path)}\n\n{verdict_words}")
     elif effect is not None:
         typer.echo("\n" + HIDDEN.format(plan.path))

@@ -12,15 +12,7 @@ from calib.arrays import LEG_NAMES, FloatArray, Observations
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.noise.reading import IndicatorFigures, Noise
 from calib.posterior.cells import FINEST_MM, HOMING_MM, Cells, SessionCase
-from calib.posterior.correction import (
-    HOLDS,
-    Correction,
-    Holds,
-    LeftOut,
-    ToolOff,
-    correction,
-    doubt,
-)
+from calib.posterior.correction import HOLDS, Correction, Holds, LeftOut, ToolOff, correction, doubt
 from calib.posterior.entered import (
     nothing_entered,
     offset_uncertainties_mm,
@@ -308,24 +300,22 @@ class ControllerCorrections:
         Play that comes out negative and tables that the controller cannot follow are absent, too.
         """
         key = (holds, tuple(sorted((absent or {}).items())))
-        if key not in self._made:
-            self._made[key] = self._made_for(holds, dict(absent or {}))
-        return self._made[key]
-
-    def _made_for(self, holds: Holds, absent: dict[str, str]) -> SessionCorrection:
-        projected = self._projected(holds, absent, tabled=True)
-        alone, off = holds == "offsets", projected.off
+        if key in self._made:
+            return self._made[key]
+        projected = self._projected(holds, dict(absent or {}), tabled=True)
+        off = projected.off
         if holds in ("tables", "kinematics"):
             off = ToolOff(off.posterior, off.values, left_by_tables_mm(projected.model))
-        return SessionCorrection(
+        self._made[key] = SessionCorrection(
             frame=self.frame,
             holds=holds,
             model=projected.model,
             off_now=self.off_now,
             off=off,
             left_out=projected.left_out,
-            uncertainties_mm=self.uncertainties_mm() if alone else None,
+            uncertainties_mm=self.uncertainties_mm() if holds == "offsets" else None,
         )
+        return self._made[key]
 
     def _projected(self, holds: Holds, absent: dict[str, str], *, tabled: bool) -> Correction:
         """What a controller holds, in tables of so many points where it is ``tabled``."""
@@ -341,10 +331,6 @@ class ControllerCorrections:
         each.
         """
         return offset_uncertainties_mm(self.posterior, self.frame, less_common=less_common)
-
-    def half_widths_mm(self, *, less_common: bool = False) -> FloatArray:
-        """How well joint offsets are known that are entered alone."""
-        return self.uncertainties_mm(less_common=less_common)[1]
 
     def others(self, correction: SessionCorrection) -> tuple[Gain, ...]:
         """What the same controller would keep if it held something else, or all of the same."""

@@ -21,7 +21,7 @@ from calib.diagnosis.results import Contender, Diagnosis, EffectName, Finding
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.noise.reading import Noise
 from calib.posterior.cells import Cells
-from calib.posterior.correction import HOLDS, Holds, ToolOff, correction
+from calib.posterior.correction import HOLDS, Holds, correction
 from calib.posterior.measurements import USUAL_PACE, FurtherMeasurement, Pace, candidates
 from calib.posterior.planning import Planner, Reach, Separation
 from calib.posterior.tool import Frame
@@ -54,10 +54,7 @@ from protocols.model_file import (
     with_expected,
 )
 from protocols.motion import seconds_per_step
-from protocols.observations import (
-    changed_between,
-    corrected_readings,
-)
+from protocols.observations import changed_between, corrected_readings
 from protocols.record import read_record
 from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
 
@@ -190,39 +187,26 @@ class SessionDiagnosis(Tabled):
         return Planner(weighted, entered, measurements)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class DiagnosedTool:
-    """R.m.s. error of the tool over the workspace in a frame: ``now``, and with values entered.
+    """Bounds of the tool error in a frame, r.m.s. over the workspace, mm: now, and with values
+    entered, by what a controller holds.
 
-    ``firmware`` is with all that the firmware of a printer holds; None for another machine.
+    ``firmware_mm`` is with all that the firmware of a printer holds; None for another machine.
     """
 
     frame: Frame
-    now: ToolOff
-    entered: dict[Holds, ToolOff]
-    firmware: ToolOff | None
+    now_mm: float
+    entered_mm: dict[Holds, float]
+    firmware_mm: float | None
 
     @classmethod
     def of(cls, corrections: ControllerCorrections, machine: Machine) -> DiagnosedTool:
         """The tool with each correction of these sessions."""
-        entered: dict[Holds, ToolOff] = {holds: corrections.of(holds).off for holds in HOLDS}
+        entered_mm: dict[Holds, float] = {holds: corrections.of(holds).bound_mm for holds in HOLDS}
         change = printer_change(machine, corrections)
-        return cls(corrections.frame, corrections.off_now, entered, change.off if change else None)
-
-    @property
-    def now_mm(self) -> float:
-        """Bound of the tool error with the present values of the controller."""
-        return self.now.bound_in(self.frame)
-
-    @property
-    def entered_mm(self) -> dict[Holds, float]:
-        """Bound of the tool error with what each controller holds entered."""
-        return {holds: off.bound_in(self.frame) for holds, off in self.entered.items()}
-
-    @property
-    def firmware_mm(self) -> float | None:
-        """Bound of the tool error with all that the firmware of a printer holds."""
-        return self.firmware.bound_in(self.frame) if self.firmware else None
+        now_mm = corrections.off_now.bound_in(corrections.frame)
+        return cls(corrections.frame, now_mm, entered_mm, change.bound_mm if change else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -399,9 +383,7 @@ def _expected(model: ModelFile, sessions: Sequence[Session]) -> ModelFile:
     """
     effects = known_effects()
     corrections = ControllerCorrections.of_sessions(
-        sessions,
-        to_model(model, "model", effects),
-        free=free_effects(model, effects),
+        sessions, to_model(model, "model", effects), free=free_effects(model, effects)
     )
     posterior = corrections.posterior
     model = with_expected(model, posterior.size_of, effects)

@@ -6,11 +6,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.evaluating.hexaslide_calibration import (
-    beside_effects,
-    effects_of,
-    models_without_mistakes,
-)
+from app.evaluating.hexaslide_calibration import beside_effects, effects_of, models_without_mistakes
 from calib.diagnosis.thresholds import OPEN
 from calib.errors import NotIdentifiable, UsageError
 from calib.hexaslide.causes import MISTAKE, OF_READINGS, AdoptedEffect

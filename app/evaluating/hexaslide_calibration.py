@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.evaluating.posture_history import Decision
 from app.evaluating.tolerance import check_tolerance
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError, NotIdentifiable, RecordError, UsageError
@@ -32,6 +31,7 @@ from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import fewest_postures
 from calib.hexaslide.platform import PlatformError, platform_error
 from calib.hexaslide.residuals import Readings, postures_of
+from calib.identify.accuracy import Decision, decide
 from calib.stats import UNLIKELY
 from protocols.hexaslide import HexaSlideMeasurements, read_truth
 from protocols.hexaslide_measured import MeasuredFile, measured_in
@@ -276,9 +276,9 @@ def decided(result: CalibratedMachine, tolerance_mm: float) -> Decision:
     if bound_m is None:
         return "undecided"
     # what neither parameters nor causes explain may do more at the platform than the bound counts
-    if off_mm + 1000.0 * bound_m <= tolerance_mm and result.fits:
-        return "pass"
-    return "fail" if off_mm - 1000.0 * bound_m > tolerance_mm else "undecided"
+    bound_mm = 1000.0 * bound_m
+    decision = decide(off_mm - bound_mm, off_mm + bound_mm, tolerance_mm)
+    return "undecided" if decision == "pass" and not result.fits else decision
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,12 +336,9 @@ def verify_sessions(
     tolerance = tolerance_mm or next(filter(None, tolerances_mm), None)
     decision = None if tolerance is None else decided(later, tolerance)
     is_same = earlier.source.machine == later.source.machine
-    remarks = tuple(_order_remarks(*files))
+    began = [file.began for file in files if file.began is not None]
+    remarks: tuple[str, ...] = ()
+    if began != sorted(began):
+        remarks = (f"{later.name} is older than {earlier.name}: is the order right?",)
     warnings = files[0].warnings + files[1].warnings
     return VerifiedMachine(earlier, later, tolerance, decision, is_same, remarks, warnings)
-
-
-def _order_remarks(earlier: MeasuredFile, later: MeasuredFile) -> Iterator[str]:
-    """Whether the later session was measured later, where both files tell."""
-    if earlier.began is not None and later.began is not None and later.began < earlier.began:
-        yield f"{later.name} is older than {earlier.name}: is the order right?"

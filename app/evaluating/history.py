@@ -10,18 +10,18 @@ from __future__ import annotations
 import hashlib
 import sqlite3
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TypeVar
 
-from pydantic import AwareDatetime, ValidationError
+from pydantic import ValidationError
 
 from app.evaluating.posture_history import (
-    Decision,
-    Point,
+    PastEntry,
+    PastSessions,
     PostureEntry,
     PostureHistory,
     PostureSessions,
@@ -32,6 +32,7 @@ from app.settings import cache_path
 from calib.clusters import in_parallel, on_processors
 from calib.control_chart import WatchedQuantity, watch
 from calib.errors import GlidecalError, RecordError, UsageError
+from calib.identify.accuracy import Decision
 from calib.posterior.tool import days_in_tolerance, tool_field
 from protocols.dates import is_dated, measured_at
 from protocols.documents import Document, Origin, read_bytes
@@ -44,7 +45,7 @@ RESULTS = 11
 more. What the index remembers under another number is worked out again.
 """
 
-ORIGINS = ("measured", "imported", "simulated")
+ORIGINS: tuple[Origin, ...] = ("measured", "imported", "simulated")
 """In this order the histories of a folder follow each other."""
 
 PART_S = 2.0
@@ -55,34 +56,29 @@ LONGEST_DAYS = 36_500.0
 """A date beyond a hundred years is none."""
 
 E = TypeVar("E", bound=Document)
+H = TypeVar("H")
 
 
-class Entry(Document):
-    """What one record says; ``problem`` in place of a result where it gives none.
+class Entry(PastEntry):
+    """What one record says.
 
     ``offsets_mm`` are d_rho with what was entered before added: where the joints truly stand, so
-    that entering offsets changes nothing. ``expanded_mm`` (95 %) is over all
-    that may be true of the machine. ``decision`` is on the machine as it was found, None without a
-    tolerance in its file. ``effects`` are None where nobody asked for a diagnosis.
-    ``dated`` is false for an imported table whose day nobody stated, ``adjusted`` names the
-    mechanical state, as `Session.adjusted`.
+    that entering offsets changes nothing. ``expanded_mm`` (95 %) is over all that may be true of
+    the machine. ``adjusted`` names the mechanical state, as `Session.adjusted`.
     """
 
-    began: AwareDatetime
-    dated: bool = True
     machine: Machine
     adjusted: str | None = None
-    origin: Origin = "measured"
-    unfinished: bool = False
-    temperature_c: float | None = None
     verifies: str | None = None
     offsets_mm: tuple[float, float, float] | None = None
     expanded_mm: tuple[float, float, float] | None = None
     bound_before_mm: float = 0.0
     bound_after_mm: float = 0.0
-    decision: Decision | None = None
-    effects: tuple[str, ...] | None = None
-    problem: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the machine, with its serial number where one is stated."""
+        return self.machine.title
 
     @property
     def has_result(self) -> bool:
@@ -92,35 +88,36 @@ class Entry(Document):
 
 AnyEntry = Entry | PostureEntry
 
+N = TypeVar("N", bound=AnyEntry)
+
 
 @dataclass(frozen=True, eq=False)
-class MachineHistory:
-    """Sessions of one machine by their date; ``joints`` are offsets x, y, z over ``days``.
-
-    Machines are known apart by name and serial number; ``machine`` is both.
-    ``origin`` is that of all of them: what was simulated or imported is no part of a machine's own
-    history.
+class MachineHistory(PastSessions[Entry]):
+    """Sessions of one machine; ``joints`` are offsets x, y, z over ``days``.
 
     ``due`` is when the drift that is shown will have used up the tolerance, None where there is no
     drift, no tolerance or no end to be seen.
     """
 
-    machine: str
-    origin: str
-    points: tuple[Point[Entry], ...]
     days: tuple[float, ...]
     joints: tuple[WatchedQuantity, ...]
     due: datetime | None
 
     @property
-    def last(self) -> Entry:
-        """Entry of the last session."""
-        return self.points[-1].entry
+    def names(self) -> tuple[str | None, ...]:
+        """What the machine may be called: name, serial number, or both."""
+        machine = self.last.machine
+        return self.machine, machine.name, machine.serial_number
+
+    @property
+    def place(self) -> str | None:
+        """Where the machine is, as the last session states it."""
+        return self.last.machine.place
 
 
 @dataclass(frozen=True)
 class History:
-    """Machines by name, those that are measured in postures apart; ``problems`` are files that
+    """Machines by name, those that are measured in postures last; ``problems`` are files that
     cannot be used, or not as they are.
 
     Paths are relative to the ``folder``. So many of its ``sessions`` are still ``waiting`` to be
@@ -128,23 +125,25 @@ class History:
     """
 
     folder: Path
-    machines: tuple[MachineHistory, ...]
+    all_machines: tuple[MachineHistory | PostureHistory, ...]
     problems: tuple[tuple[Path, str], ...]
-    of_postures: tuple[PostureHistory, ...] = ()
     sessions: int = 0
     waiting: int = 0
 
     @property
-    def all_machines(self) -> tuple[MachineHistory | PostureHistory, ...]:
-        """Machines of both kinds."""
-        return (*self.machines, *self.of_postures)
+    def machines(self) -> tuple[MachineHistory, ...]:
+        """Machines that are measured on their legs."""
+        return tuple(past for past in self.all_machines if isinstance(past, MachineHistory))
+
+    @property
+    def of_postures(self) -> tuple[PostureHistory, ...]:
+        """Machines that are measured in postures."""
+        return tuple(past for past in self.all_machines if isinstance(past, PostureHistory))
 
     def of_number(self, number: int) -> History:
         """One machine of `all_machines`; the problems are of the folder."""
         pasts = self.all_machines[number : number + 1]
-        machines = tuple(past for past in pasts if isinstance(past, MachineHistory))
-        of_postures = tuple(past for past in pasts if isinstance(past, PostureHistory))
-        return replace(self, machines=machines, of_postures=of_postures, problems=(), waiting=0)
+        return replace(self, all_machines=pasts, problems=(), waiting=0)
 
     def of_shown(self, listing: History | None) -> History:
         """The machine that the ``listing`` showed, as it is known by now; else the first one."""
@@ -159,22 +158,13 @@ class History:
 
         Raises UsageError where there is none.
         """
-        subset = replace(
-            self,
-            machines=tuple(past for past in self.machines if name in _names(past)),
-            of_postures=tuple(past for past in self.of_postures if past.machine == name),
-        )
-        if not subset.all_machines:
+        pasts = tuple(past for past in self.all_machines if name in past.names)
+        if not pasts:
             allowed = ", ".join(dict.fromkeys(past.machine for past in self.all_machines))
             raise UsageError(
                 "--machine", f"no sessions of {name!r}", allowed or "none has sessions"
             )
-        return subset
-
-
-def _names(past: MachineHistory) -> tuple[str | None, ...]:
-    machine = past.last.machine
-    return past.machine, machine.name, machine.serial_number
+        return replace(self, all_machines=pasts)
 
 
 def read_history(
@@ -220,7 +210,8 @@ def read_history(
             if (first_path := path_by_digest.setdefault(key, path)) != path:
                 problem_by_path[path] = f"{path}: the same session as {first_path}, used once."
                 continue
-            entry = remembered.entry(key, of_postures=kind is not None)
+            of_kind: type[AnyEntry] = PostureEntry if kind else Entry
+            entry = remembered.get(key, of_kind)
             if entry is not None:
                 entries[path] = entry
             if entry is None or (effects and entry.effects is None and entry.has_result):
@@ -251,35 +242,32 @@ def _of_entries(
     problem_by_path: dict[Path, str],
     waiting: int,
 ) -> History:
-    files: dict[tuple[str, Origin], list[tuple[Path, Entry]]] = {}
-    posture_files: dict[tuple[str, Origin], list[tuple[Path, PostureEntry]]] = {}
+    usable: list[tuple[Path, AnyEntry]] = []
     for path in paths:
         entry, name = entries.get(path), path.relative_to(folder)
-        if entry is None:
-            continue
-        if entry.problem:
+        if entry and entry.problem:
             problem_by_path[path] = f"{name}: {entry.problem}"
-        if not entry.has_result or entry.unfinished:
-            continue
-        if isinstance(entry, PostureEntry):
-            posture_files.setdefault((entry.name, entry.origin), []).append((name, entry))
-        else:
-            files.setdefault((entry.machine.title, entry.origin), []).append((name, entry))
+        if entry and entry.has_result and not entry.unfinished:
+            usable.append((name, entry))
+    of_legs = [(name, entry) for name, entry in usable if isinstance(entry, Entry)]
+    of_postures = [(name, entry) for name, entry in usable if isinstance(entry, PostureEntry)]
     return History(
         folder,
-        tuple(history_of_machine(*key, files[key]) for key in sorted(files, key=_by_origin)),
+        (*_machines(of_legs, history_of_machine), *_machines(of_postures, posture_history)),
         tuple((path, problem_by_path[path]) for path in paths if path in problem_by_path),
-        tuple(
-            posture_history(*key, posture_files[key])
-            for key in sorted(posture_files, key=_by_origin)
-        ),
         sessions=len(paths),
         waiting=waiting,
     )
 
 
-def _by_origin(key: tuple[str, Origin]) -> tuple[int, tuple[str, Origin]]:
-    return ORIGINS.index(key[1]), key
+def _machines(
+    entries: Sequence[tuple[Path, N]], history: Callable[[str, Origin, Sequence[tuple[Path, N]]], H]
+) -> list[H]:
+    """The history of each machine in the order of `ORIGINS`, then of names."""
+    files: dict[tuple[int, str], list[tuple[Path, N]]] = {}
+    for path, entry in entries:
+        files.setdefault((ORIGINS.index(entry.origin), entry.name), []).append((path, entry))
+    return [history(key[1], ORIGINS[key[0]], files[key]) for key in sorted(files)]
 
 
 @dataclass(frozen=True)
@@ -316,8 +304,8 @@ def known_decisions(
         for path in paths:
             with suppress(GlidecalError):
                 key = key_of(read_bytes(path, "session", MOST_BYTES))
-                for of_postures in (False, True):
-                    if entry := remembered.entry(key, of_postures=of_postures):
+                for kind in (Entry, PostureEntry):
+                    if entry := remembered.get(key, kind):
                         decisions[path] = entry.decision
     return decisions
 
@@ -377,7 +365,7 @@ def _named(session: Session) -> tuple[str, ...]:
 
 
 def history_of_machine(
-    name: str, origin: str, entries: Iterable[tuple[Path, Entry]]
+    name: str, origin: Origin, entries: Iterable[tuple[Path, Entry]]
 ) -> MachineHistory:
     """The sessions of one machine in turn, and what changed between neighbours."""
     points = in_turn(entries, _event)
@@ -446,10 +434,6 @@ class Index:
         data.execute("CREATE TABLE IF NOT EXISTS entry (digest TEXT PRIMARY KEY, said TEXT)")
         data.execute("SELECT digest, said FROM entry LIMIT 1").fetchone()
         return data
-
-    def entry(self, digest: str, *, of_postures: bool) -> AnyEntry | None:
-        """The entry of a session of either kind; None where there is none that can be read."""
-        return self.get(digest, PostureEntry) if of_postures else self.get(digest, Entry)
 
     def get(self, digest: str, kind: type[E]) -> E | None:
         """None where there is none that can be read."""

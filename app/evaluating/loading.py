@@ -30,15 +30,11 @@ def refuse_twice(sessions: Sequence[tuple[object, Session]]) -> None:
     Raises RecordError with their names.
     """
     name_by_content: dict[object, object] = {}
-
-    def is_imported(session: Session) -> bool:
-        return session.opened.origin == "imported"
-
-    by_origin = sorted(sessions, key=lambda entry: is_imported(entry[1]))
+    by_origin = sorted(sessions, key=lambda entry: entry[1].opened.origin == "imported")
     for name, session in by_origin if len(sessions) > 1 else ():
         table = tuple((r.leg, r.axis, r.posture_mm, r.text, r.mount) for r in session.readings)
         contents: dict[object, str] = {session.digest or id(session): "the same session twice"}
-        if table and is_imported(session):
+        if table and session.opened.origin == "imported":
             contents[table] = "the same readings twice"
         for content, message in contents.items():
             if content in name_by_content:

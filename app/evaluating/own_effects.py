@@ -99,8 +99,5 @@ def _words_of(problem: BaseException) -> str:
 
 def _broken(source: str, fault: str, allowed: str = "") -> RecordError:
     return RecordError(
-        source,
-        fault,
-        allowed,
-        "See docs/effects.md; move the file away to continue without it.",
+        source, fault, allowed, "See docs/effects.md; move the file away to continue without it."
     )

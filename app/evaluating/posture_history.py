@@ -4,41 +4,48 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Generic, Literal, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from pydantic import AwareDatetime
 
+from calib.identify.accuracy import Decision
 from protocols.documents import Document, Origin
 
-Decision = Literal["pass", "fail", "undecided"]
 
-
-class PostureEntry(Document):
+class PastEntry(Document):
     """What one record says of its machine; ``problem`` in place of a result where it gives none.
 
-    ``name`` is that of the machine before any calibration, ``machine`` its file by keys.
-    ``now_mm`` is how far the platform was off, r.m.s. over the box, ``bound_mm`` (95 %) how far it
-    is at most with the calibrated machine, None where that is not known. ``effects`` are None where
-    nobody asked for a diagnosis. ``dated`` is false for a table whose day nobody stated.
+    ``decision`` is on the machine as it was found, None without a tolerance in its file.
+    ``effects`` are None where nobody asked for a diagnosis. ``dated`` is false for an imported
+    table whose day nobody stated.
     """
 
     began: AwareDatetime
     dated: bool = True
-    name: str
-    machine: dict[str, Any]
     origin: Origin = "measured"
     unfinished: bool = False
     temperature_c: float | None = None
+    decision: Decision | None = None
+    effects: tuple[str, ...] | None = None
+    problem: str = ""
+
+
+class PostureEntry(PastEntry):
+    """What a record of postures says.
+
+    ``name`` is that of the machine before any calibration, ``machine`` its file by keys.
+    ``now_mm`` is how far the platform was off, r.m.s. over the box, ``bound_mm`` (95 %) how far it
+    is at most with the calibrated machine, None where that is not known.
+    """
+
+    name: str
+    machine: dict[str, Any]
     procedure: str = ""
     postures: int = 0
     now_mm: float | None = None
     bound_mm: float | None = None
-    decision: Decision | None = None
-    effects: tuple[str, ...] | None = None
-    problem: str = ""
 
     @property
     def has_result(self) -> bool:
@@ -58,15 +65,7 @@ class PostureSessions(Protocol):
         """What a file says, with a diagnosis where that is asked for."""
 
 
-class DatedEntry(Protocol):
-    """What a record says, of any kind of machine."""
-
-    @property
-    def began(self) -> datetime:
-        """When its session began."""
-
-
-E = TypeVar("E", bound=DatedEntry)
+E = TypeVar("E", bound=PastEntry)
 
 
 @dataclass(frozen=True)
@@ -88,12 +87,35 @@ def in_turn(
 
 
 @dataclass(frozen=True)
-class PostureHistory:
-    """Sessions of one machine by their date, all of one origin."""
+class PastSessions(Generic[E]):
+    """Sessions of one machine by their date, all of one origin.
+
+    Machines are known apart by name and serial number; ``machine`` is both. What was simulated or
+    imported is no part of a machine's own history.
+    """
 
     machine: str
     origin: Origin
-    points: tuple[Point[PostureEntry], ...]
+    points: tuple[Point[E], ...]
+
+    @property
+    def last(self) -> E:
+        """Entry of the last session."""
+        return self.points[-1].entry
+
+    @property
+    def names(self) -> tuple[str | None, ...]:
+        """What the machine may be called."""
+        return (self.machine,)
+
+    @property
+    def place(self) -> str | None:
+        """Where the machine is."""
+        return None
+
+
+class PostureHistory(PastSessions[PostureEntry]):
+    """Sessions of postures of one machine."""
 
 
 def posture_history(

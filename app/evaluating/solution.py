@@ -354,8 +354,7 @@ class LineParameter:
     place: Annotated[str, Quantity("at", words="the drive, and the way across it")]
     value: Annotated[float, Quantity("value", kind="measured", words="in the unit, as in a model")]
     expanded_uncertainty: Annotated[
-        float,
-        Quantity("± U (k = 2)", kind="uncertainty", words="expanded uncertainty, k = 2"),
+        float, Quantity("± U (k = 2)", kind="uncertainty", words="expanded uncertainty, k = 2")
     ]
     tolerance: Annotated[
         float,

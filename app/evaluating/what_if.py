@@ -220,12 +220,6 @@ class WhatIf:
         _ = self.tool_mm, self.misled_mm
         return self
 
-    def work_out_all(self) -> SessionSolution:
-        """`result`, and what `work_out` does. Raises NotIdentifiable."""
-        result = self.result
-        self.work_out()
-        return result
-
     @property
     def _geometry(self) -> Geometry:
         return self.trial.sessions[0].opened.machine.geometry()
@@ -268,7 +262,7 @@ def what_if(
         least = max(-limit, parameter.least)
         check_number(f"size of {effect}, {parameter.name}", value, least, limit, parameter.unit)
     outcome = trial.at(values)
-    outcome.work_out_all()  # what cannot be worked out is said here
+    _ = outcome.result, outcome.work_out()  # what cannot be worked out is said here
     return outcome
 
 

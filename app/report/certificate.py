@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from io import BytesIO
@@ -15,19 +15,20 @@ from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
 from app.evaluating.loading import records_in_order
 from app.evaluating.solution import Judgement, SessionSolution, judge, solve_files
-from app.report.text.caveats import caveats, caveats_of_view
+from app.report.text.caveats import caveats, caveats_of_view, gauge_word
 from app.report.text.correction import doubt_lines, warning_lines
 from app.report.text.printer import change_answers
 from app.report.text.result import decided, judged_sentence
 from app.settings import WHAT, data_path, read_settings, settings_path
 from calib.errors import RecordError, UsageError
+from calib.identify.accuracy import Decision
 from protocols.certificate import CertificateOrder, InstrumentIdentity, Laboratory, read_order
 from protocols.documents import MOST_BYTES, Document, Name, read_bytes, read_remembered
 from protocols.effect_entries import EffectEntry
 from protocols.files import write_files
 from protocols.machine import Machine
 from protocols.model_file import read_model_file
-from protocols.session import Session
+from protocols.session import Beginning, Line, Session
 
 MOST_LOGO_BYTES, MOST_LOGO_PIXELS = 1_000_000, 20_000_000
 DIGEST_LETTERS = 12
@@ -58,42 +59,114 @@ class CertificateHead:
 
 
 @dataclass(frozen=True, eq=False)
-class CertifiedCalibration:
-    """The results of sessions, and of a later one with the values entered.
+class CertifiedRecord:
+    """A record that results are from: how it began, the readings that count, its digest.
 
-    ``model`` is the file of effects that were fitted, too. Without ``head`` nobody certifies it.
+    ``procedure`` is None of a table of readings.
     """
 
-    result: SessionSolution
-    diagnosed: SessionDiagnosis
-    verification: Verification | None
-    tolerance_mm: float | None
+    name: str
+    digest: str
+    opened: Beginning
+    readings: Sequence[Line]
+    operator: str
+    temperature_c: float | None
+    procedure: str | None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Certified:
+    """What report and certificate state of a machine, whichever kind it is.
+
+    ``name`` and ``serial_number`` are those of the machine file. The last record is that of a later
+    session. ``gauge``
+    is the word for what measured, ``attached`` a sentence on what the operator attached. ``moved``,
+    the tool or the platform, has the tolerance; ``decisions`` are by what was judged, None where it
+    was not; all depends on the ``terms`` beside the records. ``warnings`` must be known before
+    values are entered, ``limits`` before numbers are used, the gravest first. Without ``head``
+    nobody certifies it.
+    """
+
     head: CertificateHead | None
-    model: Path | None = None
+    name: str
+    serial_number: str | None
+    records: tuple[CertifiedRecord, ...]
+    gauge: str
+    instruments: tuple[InstrumentIdentity, ...]
+    attached: str = ""
+    completeness: str
+    warnings: list[str]
+    limits: list[str]
+    moved: Literal["tool", "platform"]
+    tolerance_mm: float | None
+    decisions: Mapping[str, Decision | None]
+    terms: str
 
     @property
-    def machine(self) -> Machine:
-        """The machine as it was known before."""
-        return self.result.sessions[0].opened.machine
+    def simulated(self) -> bool:
+        """Whether any of the records was computed."""
+        return any(record.opened.origin == "simulated" for record in self.records)
 
     @property
     def serial_numbers(self) -> tuple[str, ...]:
-        """Serial numbers as of `serial_numbers_of`."""
-        return serial_numbers_of(self.head, self.machine.serial_number)
+        """Serial numbers of the machine: the order's, and the record's where that is another."""
+        ordered = self.head.order.machine.serial_number if self.head else None
+        return tuple(dict.fromkeys(filter(None, (ordered, self.serial_number))))
+
+    @property
+    def digests(self) -> tuple[str, ...]:
+        """Digests of the records, in their order."""
+        return tuple(record.digest for record in self.records)
+
+    @property
+    def identification(self) -> str:
+        """What stands on every page: the number, or the beginning of the last record's digest."""
+        if self.head:
+            return f"Certificate {self.head.order.number}"
+        return f"Record {self.digests[-1][:DIGEST_LETTERS]}"
+
+    @property
+    def traceability(self) -> str:
+        """Whether lengths are traceable; without a certificate of every gauge they are not."""
+        if not self.instruments:
+            return f"No {self.gauge} is named, so no traceability to the SI is shown."
+        if all(instrument.certificate for instrument in self.instruments):
+            certificates = f"these certificates of the {self.gauge}s"
+            return f"Lengths are traceable to the SI through {certificates}."
+        return f"Traceability to the SI is not shown: not every {self.gauge} has a certificate."
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CertifiedCalibration(Certified):
+    """The results of sessions, and of a later one with the values entered.
+
+    ``effects`` are those of the model file, which were fitted, too; ``judged`` is the decision on
+    the tool now and with the values entered, None without a tolerance.
+    """
+
+    machine: Machine
+    result: SessionSolution
+    diagnosed: SessionDiagnosis
+    verification: Verification | None
+    judged: Judgement | None
+    effects: tuple[EffectEntry, ...]
+
+    @property
+    def solutions(self) -> tuple[SessionSolution, ...]:
+        """Solution of the sessions, and that of the later one."""
+        return (self.result, *([self.verification.compared.after] if self.verification else []))
 
     @property
     def sessions(self) -> tuple[Session, ...]:
         """All of them, the later one last."""
-        later = self.verification.compared.after.sessions if self.verification else ()
-        return (*self.result.sessions, *later)
+        return tuple(session for solution in self.solutions for session in solution.sessions)
 
     @property
     def counted(self) -> dict[str, int]:
         """How many readings of each session count, by its digest."""
-        later = (self.verification.compared.after,) if self.verification else ()
         missing_counts = {
             id(reading)  # sessions of one name may stand in two folders
-            for solution in (self.result, *later)
+            for solution in self.solutions
             for alone in solution.isolated
             for reading in alone.readings
         }
@@ -101,36 +174,6 @@ class CertifiedCalibration:
             session.digest: sum(id(reading) not in missing_counts for reading in session.readings)
             for session in self.sessions
         }
-
-    @property
-    def instruments(self) -> tuple[InstrumentIdentity, ...]:
-        """Each indicator once, whatever axes it measured along, then those of the order.
-
-        A table and a log do not name theirs: those of the order are in their place.
-        """
-        ordered = self.head.order.instrument if self.head else ()
-        recorded = (
-            InstrumentIdentity.model_construct(  # a record may hold what an order may not
-                name=indicator.profile,
-                serial_number=indicator.serial_number,
-                certificate=indicator.certificate,
-                certificate_date=indicator.certificate_date,
-            )
-            for session in self.sessions
-            for indicator in session.opened.instruments
-            if not (ordered and session.opened.origin == "imported")
-        )
-        return tuple(dict.fromkeys((*recorded, *ordered)))
-
-    @property
-    def digests(self) -> tuple[str, ...]:
-        """Digests of the records, in their order."""
-        return tuple(session.digest for session in self.sessions)
-
-    @property
-    def judged(self) -> Judgement | None:
-        """The decision on the tool now and with the values entered; None without a tolerance."""
-        return None if self.tolerance_mm is None else judge(self.result, self.tolerance_mm)
 
     @property
     def judged_words(self) -> str:
@@ -144,70 +187,10 @@ class CertifiedCalibration:
         """The decision that heads the report: after a verification that of the later session."""
         return decided(self.verification) if self.verification else self.judged_words
 
-    @property
-    def effects(self) -> tuple[EffectEntry, ...]:
-        """The effects of the model file."""
-        return read_model_file(self.model).effects if self.model else ()
-
-    @property
-    def warnings(self) -> list[str]:
-        """What a reader must know before entering the values."""
-        result = self.result
-        if change := result.printer_change:
-            return [*doubt_lines(result), *change_answers(result, change)]
-        return [*warning_lines(result, result.correction)]
-
-    @property
-    def limits(self) -> list[str]:
-        """What a reader must know before using the numbers, the gravest first."""
-        added = ", ".join(f"{effect.id} ({effect.where})" for effect in self.effects)
-        return [
-            *([f"All figures are with what the model file adds: {added}."] if added else []),
-            *self.result.warnings,
-            *self.diagnosed.warnings,
-            *caveats(self.result),
-            *caveats_of_view(self.result),
-            *(f"Remark: {remark}" for remark in self.diagnosed.diagnosis.remarks),
-        ]
-
-    @property
-    def identification(self) -> str:
-        """The identification as of `identification_of`."""
-        return identification_of(self.head, self.digests)
-
-    @property
-    def terms(self) -> str:
-        """The terms as of `terms_of`, with the digest of the model."""
-        terms = terms_of(self.tolerance_mm)
-        if self.model is None:
-            return terms
-        content = read_bytes(self.model, "model file", MOST_BYTES)
-        return f"{terms}, model {sha256(content).hexdigest()[:DIGEST_LETTERS]}"
-
-
-def traceability_words(instruments: Sequence[InstrumentIdentity], gauge: str) -> str:
-    """Whether lengths are traceable; without a certificate of every ``gauge`` they are not."""
-    if not instruments:
-        return f"No {gauge} is named, so no traceability to the SI is shown."
-    if all(instrument.certificate for instrument in instruments):
-        return f"Lengths are traceable to the SI through these certificates of the {gauge}s."
-    return f"Traceability to the SI is not shown: not every {gauge} has a certificate."
-
 
 def terms_of(tolerance_mm: float | None) -> str:
     """What results and decision of a certificate depend on beside its records."""
     return "no tolerance" if tolerance_mm is None else f"tolerance {tolerance_mm:g} mm"
-
-
-def serial_numbers_of(head: CertificateHead | None, recorded: str | None) -> tuple[str, ...]:
-    """Serial numbers of the machine: the order's, and the record's where that is another."""
-    ordered = head.order.machine.serial_number if head else None
-    return tuple(dict.fromkeys(filter(None, (ordered, recorded))))
-
-
-def identification_of(head: CertificateHead | None, digests: Sequence[str]) -> str:
-    """What stands on every page: the number, or the beginning of the last record's digest."""
-    return f"Certificate {head.order.number}" if head else f"Record {digests[-1][:DIGEST_LETTERS]}"
 
 
 def calibration_of(
@@ -232,7 +215,85 @@ def calibration_of(
         tolerance_mm = verified.tolerance_mm
     elif tolerance_mm is None:
         tolerance_mm = result.sessions[-1].opened.machine.tool_tolerance_mm
-    return CertifiedCalibration(result, diagnosed, verified, tolerance_mm, head, model)
+    sessions = (*result.sessions, *(verified.compared.after.sessions if verified else ()))
+    judged = None if tolerance_mm is None else judge(result, tolerance_mm)
+    effects, terms = read_model_file(model).effects if model else (), terms_of(tolerance_mm)
+    if model:
+        content = read_bytes(model, "model file", MOST_BYTES)
+        terms += f", model {sha256(content).hexdigest()[:DIGEST_LETTERS]}"
+    diagnosis, machine = diagnosed.diagnosis, sessions[0].opened.machine
+    change = result.printer_change
+    return CertifiedCalibration(
+        head=head,
+        name=machine.name,
+        serial_number=machine.serial_number,
+        machine=machine,
+        records=tuple(
+            CertifiedRecord(
+                *(session.name, session.digest, opened, session.readings),
+                *(opened.operator, opened.temperature_c),
+                opened.procedure.name if opened.procedure else None,
+            )
+            for session in sessions
+            for opened in [session.opened]
+        ),
+        gauge=gauge_word(result),
+        instruments=_instruments(sessions, head),
+        completeness=f"{diagnosis.verdict}: {diagnosis.sentence}",
+        warnings=[*doubt_lines(result), *change_answers(result, change)]
+        if change
+        else [*warning_lines(result, result.correction)],
+        limits=_limits(result, diagnosed, effects),
+        moved="tool",
+        tolerance_mm=tolerance_mm,
+        decisions={
+            "tool as measured": judged.before if judged else None,
+            "tool with the values entered, predicted": judged.after if judged else None,
+            "tool measured again with the values entered": verified.decision if verified else None,
+        },
+        terms=terms,
+        result=result,
+        diagnosed=diagnosed,
+        verification=verified,
+        judged=judged,
+        effects=effects,
+    )
+
+
+def _instruments(
+    sessions: Sequence[Session], head: CertificateHead | None
+) -> tuple[InstrumentIdentity, ...]:
+    """Each indicator once, whatever axes it measured along, then those of the order.
+
+    A table and a log do not name theirs: those of the order are in their place.
+    """
+    ordered = head.order.instrument if head else ()
+    recorded = (
+        InstrumentIdentity.model_construct(  # a record may hold what an order may not
+            name=indicator.profile,
+            serial_number=indicator.serial_number,
+            certificate=indicator.certificate,
+            certificate_date=indicator.certificate_date,
+        )
+        for session in sessions
+        for indicator in session.opened.instruments
+        if not (ordered and session.opened.origin == "imported")
+    )
+    return tuple(dict.fromkeys((*recorded, *ordered)))
+
+
+def _limits(
+    result: SessionSolution, diagnosed: SessionDiagnosis, effects: Sequence[EffectEntry]
+) -> list[str]:
+    added = ", ".join(f"{effect.id} ({effect.where})" for effect in effects)
+    return [
+        *([f"All figures are with what the model file adds: {added}."] if added else []),
+        *result.warnings,
+        *diagnosed.warnings,
+        *caveats(result),
+        *caveats_of_view(result),
+        *(f"Remark: {remark}" for remark in diagnosed.diagnosis.remarks),
+    ]
 
 
 class IssuedNumbers(Document):

@@ -2,105 +2,70 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from app.evaluating.hexaslide import PostureResult, posture_result
-from app.evaluating.hexaslide_calibration import (
-    CalibratedMachine,
-    VerifiedMachine,
-    decided,
-    verify_sessions,
-)
-from app.evaluating.posture_history import Decision
+from app.evaluating.hexaslide_calibration import VerifiedMachine, decided, verify_sessions
 from app.evaluating.tolerance import check_tolerance
-from app.report.certificate import (
-    CertificateHead,
-    identification_of,
-    serial_numbers_of,
-    terms_of,
-)
+from app.report.certificate import CertificateHead, Certified, CertifiedRecord, terms_of
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import caveats
+from app.report.text.hexaslide_diagnosis import verdict_words
 from app.report.text.hexaslide_session import remark_lines
+from calib.identify.accuracy import Decision
+from protocols.hexaslide import HexaSlideMachine, machine_like
 from protocols.hexaslide_session import PostureSession, read_postures
-from protocols.record import Record
 
 
-@dataclass(frozen=True, eq=False)
-class VerifyingSession:
-    """A later session, and what it says of the machine that was entered."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CertifiedPostures(Certified):
+    """The results of a session, and of a later one with the calibrated machine entered.
 
-    session: PostureSession
-    record: Record
-    verification: VerifiedMachine
-
-
-@dataclass(frozen=True, eq=False)
-class CertifiedPostures:
-    """The results of a session, and of a ``later`` one with the calibrated machine entered.
-
-    ``stated_mm`` is the tolerance that was given. Without ``head`` nobody certifies it.
+    ``document`` has the numbers of the result, ``decision`` is on the platform as it was measured,
+    None without a tolerance. ``sessions`` are both.
     """
 
+    machine: HexaSlideMachine
     result: PostureResult
-    later: VerifyingSession | None = None
-    stated_mm: float | None = None
-    head: CertificateHead | None = None
+    document: HexaSlideCalibrationReport
+    verification: VerifiedMachine | None
+    decision: Decision | None
+    sessions: tuple[PostureSession, ...]
 
     @property
-    def calibration(self) -> CalibratedMachine:
-        """The machine that the session gives."""
-        return self.result.calibration
+    def calibrated(self) -> HexaSlideMachine:
+        """The machine file to enter."""
+        calibration = self.result.calibration
+        return machine_like(calibration.source.machine, "", calibration.entered)
 
-    @property
-    def tolerance_mm(self) -> float | None:
-        """Tolerance of the platform: that of the verification, else as given, else of the machine
-        file.
-        """
-        if self.later is not None:
-            return self.later.verification.tolerance_mm
-        return self.stated_mm or self.calibration.source.machine.platform_tolerance_mm
 
-    @property
-    def decision(self) -> Decision | None:
-        """Decision on the platform as it was measured; None without a tolerance."""
-        return None if self.tolerance_mm is None else decided(self.calibration, self.tolerance_mm)
+def machine_numbers(machine: HexaSlideMachine) -> Iterator[tuple[str, str, float]]:
+    """Every number that a calibration gives a machine file: of which part, by which key and axis.
 
-    @property
-    def serial_numbers(self) -> tuple[str, ...]:
-        """Serial numbers as of `serial_numbers_of`."""
-        return serial_numbers_of(self.head, self.calibration.source.machine.serial_number)
-
-    @property
-    def sessions(self) -> tuple[tuple[PostureSession, Record], ...]:
-        """Both with their records, the later one last."""
-        later = [(self.later.session, self.later.record)] if self.later else []
-        return ((self.result.session, self.result.record), *later)
-
-    @property
-    def limits(self) -> list[str]:
-        """What a reader must know before using the numbers, the gravest first."""
-        return [
-            *(record.unfinished for _, record in self.sessions if record.unfinished),
-            *caveats(HexaSlideCalibrationReport.of(self.calibration)),
-            *remark_lines(self.result.session),
-        ]
-
-    @property
-    def digests(self) -> tuple[str, ...]:
-        """Digests of the records, in their order."""
-        return tuple(record.digest for _, record in self.sessions)
-
-    @property
-    def terms(self) -> str:
-        """The terms as of `terms_of`."""
-        return terms_of(self.tolerance_mm)
-
-    @property
-    def identification(self) -> str:
-        """The identification as of `identification_of`."""
-        return identification_of(self.head, self.digests)
+    Lengths in mm; a rail's are components of its direction.
+    """
+    parts: dict[str, dict[str, Sequence[float]]] = {
+        f"chain {number}": {
+            "start_mm": chain.start_mm,
+            "joint_mm": chain.joint_mm,
+            "link_mm": [chain.link_mm],
+            "rail": chain.rail or (),
+        }
+        for number, chain in enumerate(machine.chain, start=1)
+    }
+    if link := machine.constraint_link:
+        parts["constraint link"] = {
+            "platform_end_mm": link.platform_end_mm,
+            "base_end_mm": link.base_end_mm,
+            "length_mm": [link.length_mm],
+        }
+    for part, keys in parts.items():
+        for key, values in keys.items():
+            axes = {3: "xyz", 1: " "}.get(len(values), "")
+            for axis, value in zip(axes, values, strict=True):
+                yield part, f"{key} {axis}".rstrip(), value
 
 
 def certified_postures(
@@ -108,11 +73,60 @@ def certified_postures(
     later_path: Path | None = None,
     tolerance_mm: float | None = None,
     head: CertificateHead | None = None,
+    result: PostureResult | None = None,
 ) -> CertifiedPostures:
-    """Certify a session and a later one. Raises as `posture_result` and `verify_sessions`."""
+    """Certify a session, of which the ``result`` may be there already, and a later one.
+
+    The tolerance is that of the verification, else as given, else of the machine file. Raises as
+    `posture_result` and `verify_sessions`.
+    """
     check_tolerance(tolerance_mm)
-    later = None
-    if later_path is not None:
-        verified = verify_sessions(path, later_path, tolerance_mm)
-        later = VerifyingSession(*read_postures(later_path), verified)
-    return CertifiedPostures(posture_result(path), later, tolerance_mm, head)
+    verified = verify_sessions(path, later_path, tolerance_mm) if later_path else None
+    result = result or posture_result(path)
+    calibration, diagnosis = result.calibration, result.diagnosis
+    machine, document = calibration.source.machine, HexaSlideCalibrationReport.of(calibration)
+    tolerance_mm = tolerance_mm or machine.platform_tolerance_mm
+    if verified:
+        tolerance_mm = verified.tolerance_mm
+    decision = None if tolerance_mm is None else decided(calibration, tolerance_mm)
+    pairs = [(result.session, result.record), *([read_postures(later_path)] if later_path else [])]
+    return CertifiedPostures(
+        head=head,
+        name=machine.name,
+        serial_number=machine.serial_number,
+        machine=machine,
+        records=tuple(
+            CertifiedRecord(
+                *(session.name, record.digest, opened, session.readings),
+                *(opened.operator, opened.temperature_c, opened.procedure.name),
+            )
+            for session, record in pairs
+            for opened in [session.opened]
+        ),
+        gauge="instrument",
+        instruments=head.order.instrument if head else (),
+        attached=f"Attached: {result.session.opened.procedure.attach or 'not stated.'}",
+        completeness=f"{diagnosis.verdict}: {verdict_words(diagnosis)}"
+        if diagnosis
+        else f"not diagnosed: {result.not_diagnosed}",
+        warnings=[],
+        limits=[
+            *(record.unfinished for _, record in pairs if record.unfinished),
+            *caveats(document),
+            *remark_lines(result.session),
+        ],
+        moved="platform",
+        tolerance_mm=tolerance_mm,
+        decisions={
+            "platform as measured": decision,
+            "platform measured again with the calibrated machine": verified.decision
+            if verified
+            else None,
+        },
+        terms=terms_of(tolerance_mm),
+        result=result,
+        document=document,
+        verification=verified,
+        decision=decision,
+        sessions=tuple(session for session, _ in pairs),
+    )

@@ -13,14 +13,7 @@ from app.evaluating.printer import PrinterChange
 from app.evaluating.solution import LineParameter, SessionSolution, solve_files
 from app.report.schema.solution import Offset
 from app.report.text.caveats import caveats, caveats_of_view
-from app.report.text.correction import (
-    BOUND,
-    FRAME_WORDS,
-    bound_line,
-    correction_lines,
-    off_line,
-    view_words,
-)
+from app.report.text.correction import BOUND, FRAME_WORDS, correction_lines, off_line, view_words
 from app.version import program
 from calib.errors import RecordError, UsageError
 from calib.identify.solution import Method, Subset
@@ -144,7 +137,7 @@ def for_controller(
             offsets,
             parameters=entered_parameters(correction),
             model=correction.model,
-            bound=one_line(bound_line(correction)),
+            bound=bound_of_files(result, correction.off),
             cautions=tuple(
                 map(one_line, (*correction_lines(result, correction), *offsets.cautions))
             ),

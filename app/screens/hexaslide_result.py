@@ -111,10 +111,10 @@ class HexaSlideResultScreen(PagedScreen[None]):
 
 def _report(result: PostureResult, target: Path, *, replace: bool) -> Path:
     with extra("the report", "report"):
-        from app.report.hexaslide_certificate import CertifiedPostures
-        from app.report.pages.hexaslide import source_from
+        from app.report.pages.hexaslide import source_of_postures
         from app.report.pages.report import write_report
-    return write_report(lambda: source_from(CertifiedPostures(result)), target, replace=replace)
+    source = partial(source_of_postures, result.record.path, result=result)
+    return write_report(source, target, replace=replace)
 
 
 class PostureWhatIfScreen(SizesScreen[None, CauseAtSize]):

@@ -12,7 +12,7 @@ from textual.widgets import OptionList
 
 from app.evaluating.comparison import Comparison
 from app.evaluating.history import History
-from app.report.charts.posture_history import history_figures
+from app.report.charts.history import history_figures
 from app.report.charts.results import before_and_after
 from app.report.text import history as texts
 from app.report.text import result as result_texts

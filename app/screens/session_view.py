@@ -30,7 +30,7 @@ from app.report.charts.strips import strip_rows
 from app.report.charts.tripod import drawn_set_up
 from app.report.text import motion
 from app.report.text import session as texts
-from app.report.text.gauges import NO_NUMBER, panel_title, port_words, shown_number, state_words
+from app.report.text.indicator import NO_NUMBER, panel_title, port_words, shown_number, state_words
 from app.report.text.leg_review import REVIEW_HELP, leg_review_text
 from app.screens.interface import WIDE, Dialog, Glidecal, MainScreen
 from app.screens.pages import Resting, signalled

@@ -12,7 +12,7 @@ from textual.widget import Widget
 from app.measuring.gauges import Live, Motion, Trace
 from app.report.charts.digits import large_digits
 from app.report.charts.strips import strip_rows
-from app.report.text.gauges import state_words
+from app.report.text.indicator import state_words
 from app.screens import interface
 from app.screens.session_view import GaugeDisplay, big_digits
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome

@@ -130,7 +130,7 @@ async def test_what_is_lost_known_and_how_units_change_the_condition_number() ->
         screen = await looked(pilot, interface, HexaSlideScreen)
         words = text(interface, "#sees-text")
         assert "platform frame turned about its X, Y, Z." in " ".join(words.split())
-        assert "KNOWN ONE BY ONE (31): ax1, ay1, l1" in words
+        assert "Identifiable alone (31): ax1, ay1, l1" in words
         assert "papers/001: 16 optimum" in words
         assert screen.view is not None
         metres, millimetres = (screen.view.conditions[unit] for unit in ("m, rad", "mm, rad"))

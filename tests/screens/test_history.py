@@ -15,9 +15,8 @@ from textual.widgets import OptionList, TabbedContent, TabPane
 from app.evaluating.history import Entry, History, history_of_machine, read_history
 from app.evaluating.posture_history import PostureEntry, posture_history
 from app.report.charts.characters import chart_text
-from app.report.charts.posture_history import platform_figure
-from app.report.charts.results import control_charts
-from app.report.text.history import machine_sentence
+from app.report.charts.history import control_charts, platform_figure
+from app.report.text.history import machine_parts
 from app.screens.history import HistoryScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Glidecal
@@ -53,7 +52,9 @@ async def test_a_large_folder_is_shown_before_all_of_it_is_worked_out(tmp_path: 
     """The screen says how many are left, and adds machines and sessions as they come."""
     whole = thirty_machines()
     parts = [
-        replace(whole, machines=whole.machines[:count], sessions=1020, waiting=1020 - 34 * count)
+        replace(
+            whole, all_machines=whole.machines[:count], sessions=1020, waiting=1020 - 34 * count
+        )
         for count in (0, 1, 30)
     ]
     ready, following = Event(), iter(parts[1:])
@@ -115,11 +116,11 @@ def test_the_heading_says_which_machine_and_where() -> None:
         expanded_mm=(0.01, 0.01, 0.01),
     )
     machine = history_of_machine(entry.machine.title, "measured", [(Path("a.jsonl"), entry)])
-    words = machine_sentence(machine, entry.began)
+    words = machine_parts(machine, entry.began)[0]
     assert words.startswith("orthoglide, no. OG-7, hall 3: 1 session. Last calibrated today")
     undated = entry.model_copy(update={"dated": False, "origin": "imported"})
     table = history_of_machine(entry.machine.title, "imported", [(Path("a.jsonl"), undated)])
-    assert "Last imported today: a.jsonl" in machine_sentence(table, entry.began)
+    assert "Last imported today: a.jsonl" in machine_parts(table, entry.began)[0]
 
 
 def test_one_day_has_an_axis_of_whole_days(tmp_path: Path) -> None:
@@ -205,7 +206,7 @@ async def test_a_machine_of_postures_has_charts() -> None:
         )
         for k in range(3)
     ]
-    history = History(Path(), (), (), (posture_history("six", "measured", entries),))
+    history = History(Path(), (posture_history("six", "measured", entries),), ())
     interface = Glidecal(HistoryScreen(history))
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()

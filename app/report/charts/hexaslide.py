@@ -6,15 +6,7 @@ import math
 from collections.abc import Sequence
 
 from app.evaluating.hexaslide_calibration import CalibratedMachine
-from app.report.charts.charts import (
-    Caption,
-    Chart,
-    Drawing,
-    Series,
-    Stroke,
-    StrokeStyle,
-    points_of,
-)
+from app.report.charts.charts import Caption, Chart, Drawing, Series, Stroke, StrokeStyle, points_of
 from calib.arrays import FloatArray
 from calib.hexaslide.drawing import lines_at, outline
 from calib.hexaslide.geometry import Box, HexaSlide

@@ -11,15 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from app.evaluating.solution import SessionSolution
-from app.report.charts.charts import (
-    Chart,
-    Point,
-    Series,
-    Stroke,
-    StrokeStyle,
-    points_of,
-    series_of,
-)
+from app.report.charts.charts import Chart, Point, Series, Stroke, StrokeStyle, points_of, series_of
 from calib.arrays import LEG_NAMES, TOOL
 from calib.tripod.curves import LegCurve
 

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from datetime import date
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 
 from jinja2 import Environment, StrictUndefined, Template
 
-from app.report.certificate import CertificateHead
+from app.report.certificate import CertificateHead, Certified
 from app.version import version
 from calib.errors import UsageError
 from calib.printable import printable
-from protocols.certificate import InstrumentIdentity
+from protocols.dates import is_dated, measured_days
 
 COVERAGE_PROBABILITY = 0.95
 
@@ -31,32 +30,28 @@ UNITS = {
 
 
 @dataclass(frozen=True)
-class Uncertainty:
-    """Expanded for 95 %, with the standard uncertainty, in the unit of the value."""
-
-    expanded: float
-    standard: float
-
-    @property
-    def coverage_factor(self) -> float:
-        """The ratio of the two; of a mixture of models it may be any."""
-        return self.expanded / self.standard
-
-
-@dataclass(frozen=True)
 class CertifiedValue:
-    """A value in a unit of D-SI; ``words`` say what it is, if the name does not."""
+    """A value in a unit of D-SI; ``words`` say what it is, if the name does not.
+
+    Uncertainties are standard, and expanded for 95 %; None where nobody states them.
+    """
 
     name: str
     value: float
-    unit: str
-    uncertainty: Uncertainty | None = None
-    words: str = ""
+    unit: str = UNITS["mm"]
+    expanded: float | None = None
+    standard: float | None = None
+    words: str = field(default="", kw_only=True)
+
+    @property
+    def coverage_factor(self) -> float:
+        """Expanded over standard uncertainty; of a mixture of models it may be any."""
+        return (self.expanded or 0.0) / (self.standard or 1.0)
 
     @property
     def interval(self) -> tuple[float, float]:
         """Both ends of the 95 % interval."""
-        half = 0.0 if self.uncertainty is None else self.uncertainty.expanded
+        half = self.expanded or 0.0
         return self.value - half, self.value + half
 
 
@@ -67,43 +62,6 @@ class Result:
     name: str
     words: str
     quantities: Sequence[CertifiedValue]
-
-
-@dataclass(frozen=True)
-class RecordedSession:
-    """A record that the results are from, with its first and its last day."""
-
-    name: str
-    digest: str
-    days: tuple[date, date]
-    dated: bool
-    simulated: bool
-    temperature_c: float | None
-    procedure: str
-
-
-@dataclass(frozen=True)
-class CertificateContents:
-    """What a certificate says of a calibrated machine, whichever kind it is.
-
-    ``serial_numbers`` are of the machine: a second one is that of the record, where the order
-    states another. ``limits`` are what a reader must know first. ``conformities`` are what was
-    judged, each with its decision, against a ``tolerance_mm`` of what is ``moved``, the tool or the
-    platform.
-    """
-
-    head: CertificateHead
-    machine: str
-    serial_numbers: Sequence[str]
-    sessions: Sequence[RecordedSession]
-    instruments: Sequence[InstrumentIdentity]
-    traceability: str
-    completeness: str
-    limits: Sequence[str]
-    results: Sequence[Result]
-    moved: str
-    conformities: Sequence[tuple[str, str]]
-    tolerance_mm: float | None
 
 
 def check_head(head: CertificateHead | None) -> CertificateHead:
@@ -121,30 +79,28 @@ def check_head(head: CertificateHead | None) -> CertificateHead:
     return head
 
 
-def certificate_xml(contents: CertificateContents) -> str:
-    """The certificate, not signed."""
-    sessions = contents.sessions
+def certificate_xml(certified: Certified, results: Iterable[Result]) -> str:
+    """The certificate, not signed. Raises as `check_head`."""
+    head, records = check_head(certified.head), certified.records
     text = _template().render(
-        contents=contents,
-        order=contents.head.order,
-        laboratory=contents.head.laboratory,
-        days=sorted(day for session in sessions for day in session.days),
-        procedures=list(dict.fromkeys(session.procedure for session in sessions)),
+        certified=certified,
+        results=list(results),
+        decisions=[pair for pair in certified.decisions.items() if pair[1]],
+        order=head.order,
+        laboratory=head.laboratory,
+        days=sorted(day for r in records for day in measured_days(r.opened, r.readings)),
+        dated=all(is_dated(record.opened) for record in records),
+        procedures=dict.fromkeys(r.procedure or "table of readings" for r in records),
         temperatures=[
-            CertifiedValue(f"temperature, {session.name}", session.temperature_c, UNITS["°C"])
-            for session in sessions
-            if session.temperature_c is not None
+            CertifiedValue(f"temperature, {r.name}", r.temperature_c, UNITS["°C"])
+            for r in records
+            if r.temperature_c is not None
         ],
-        tolerance=CertifiedValue("tolerance", contents.tolerance_mm or 0.0, UNITS["mm"]),
+        tolerance=CertifiedValue("tolerance", certified.tolerance_mm or 0.0),
         probability=COVERAGE_PROBABILITY,
         program_version=version(),
     )
     return "".join(line for line in text.splitlines(keepends=True) if not line.isspace())
-
-
-def value_in_mm(name: str, value_mm: float, uncertainty_mm: tuple[float, float]) -> CertifiedValue:
-    """A value in mm with its expanded and its standard uncertainty."""
-    return CertifiedValue(name, value_mm, UNITS["mm"], Uncertainty(*uncertainty_mm))
 
 
 @cache

@@ -4,55 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from app.report.certificate import CertifiedCalibration, traceability_words
-from app.report.dcc.document import (
-    UNITS,
-    CertificateContents,
-    CertifiedValue,
-    RecordedSession,
-    Result,
-    check_head,
-    value_in_mm,
-)
-from app.report.text.caveats import gauge_word
+from app.report.certificate import CertifiedCalibration
+from app.report.dcc.document import UNITS, CertifiedValue, Result
 from app.report.text.correction import FREE_WORDS, frames_of
 from calib.arrays import LEG_NAMES
 from calib.identify.solution import Solution
 from calib.posterior.tool import Frame
-from protocols.dates import is_dated, measured_days
-from protocols.session import Session
-
-
-def contents_of(calibration: CertifiedCalibration) -> CertificateContents:
-    """Raises as `check_head`."""
-    diagnosis = calibration.diagnosed.diagnosis
-    return CertificateContents(
-        head=check_head(calibration.head),
-        machine=calibration.machine.name,
-        serial_numbers=calibration.serial_numbers,
-        sessions=[*map(_recorded, calibration.sessions)],
-        instruments=calibration.instruments,
-        traceability=traceability_words(calibration.instruments, gauge_word(calibration.result)),
-        completeness=f"{diagnosis.verdict}: {diagnosis.sentence}",
-        limits=[*calibration.warnings, *calibration.limits],
-        results=[*results_of(calibration)],
-        moved="tool",
-        conformities=[*_conformities(calibration)],
-        tolerance_mm=calibration.tolerance_mm,
-    )
-
-
-def _recorded(session: Session) -> RecordedSession:
-    opened = session.opened
-    return RecordedSession(
-        session.name,
-        session.digest,
-        measured_days(opened, session.readings),
-        is_dated(opened),
-        opened.origin == "simulated",
-        opened.temperature_c,
-        opened.procedure.name if opened.procedure else "table of readings",
-    )
 
 
 def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
@@ -82,8 +39,8 @@ def results_of(calibration: CertifiedCalibration) -> Iterator[Result]:
         "Joint offsets that remain",
         "From the later session; the uncertainty is of both sessions.",
         [
-            value_in_mm(offset.name, offset.found_mm, (offset.expanded_mm, offset.standard_mm))
-            for offset in calibration.verification.offsets
+            CertifiedValue(o.name, o.found_mm, UNITS["mm"], o.expanded_mm, o.standard_mm)
+            for o in calibration.verification.offsets
         ],
     )
 
@@ -96,7 +53,7 @@ def _of_view(view: Solution) -> Result:
         f"Identified parameters, set {view.subset}",
         "The uncertainty is of the noise of the readings and of parts within their tolerance.",
         [
-            value_in_mm(name, value, (wide, u))
+            CertifiedValue(name, value, UNITS["mm"], wide, u)
             for name, value, wide, u in zip(
                 view.names, *(column.tolist() for column in columns), strict=True
             )
@@ -129,11 +86,13 @@ def _entered(calibration: CertifiedCalibration) -> tuple[str, list[CertifiedValu
         text = "Values that the firmware of the printer is to hold."
         return text, [*towers, radius, *travels]
     standard, expanded = (column.tolist() for column in result.corrections.uncertainties_mm())
-    values = zip(LEG_NAMES, result.joint_offsets_mm, expanded, standard, strict=True)
+    values = zip(
+        LEG_NAMES, result.joint_offsets_mm, [UNITS["mm"]] * 3, expanded, standard, strict=True
+    )
     return (
         "To add to what was entered before; true position of a joint = believed position + d_rho. "
         "The tool is off least with these values: they, not the joints alone, are within ± U.",
-        [value_in_mm(f"d_rho_{leg}", value, (wide, u)) for leg, value, wide, u in values],
+        [CertifiedValue(f"d_rho_{leg}", *row) for leg, *row in values],
     )
 
 
@@ -141,14 +100,3 @@ def _bounds(first: Frame, bound_mm: dict[Frame, float], when: str) -> Iterator[C
     for frame in frames_of(first):
         name = f"{FREE_WORDS[frame]}, {when}"
         yield CertifiedValue(name, bound_mm[frame], UNITS["mm"], words="Upper 95 % bound.")
-
-
-def _conformities(calibration: CertifiedCalibration) -> Iterator[tuple[str, str]]:
-    """What was judged, and the decision; undecided is none of the words of the schema."""
-    judged = calibration.judged
-    if judged is None:
-        return
-    yield "tool as measured", judged.before
-    yield "tool with the values entered, predicted", judged.after
-    if calibration.verification and calibration.verification.decision:
-        yield "tool measured again with the values entered", calibration.verification.decision

@@ -9,77 +9,36 @@ from rich.table import Table
 
 from app.evaluating.comparison import Verification
 from app.evaluating.diagnosis import SessionDiagnosis
-from app.evaluating.printer import tower_names
 from app.evaluating.solution import SessionSolution
 from app.report.certificate import CertificateHead, CertifiedCalibration
+from app.report.charts import results as charts
 from app.report.charts.legs import LegFigure, leg_figures
-from app.report.charts.results import (
-    before_and_after,
-    measured_and_predicted,
-    residuals_before_and_after,
-    residuals_over_normal,
-    residuals_over_time,
-)
 from app.report.charts.tripod import drawn_set_up
-from app.report.pages.figures import (
-    bars_svg,
-    correlations_svg,
-    drawings_svg,
-    evidence_svg,
-    legs_svg,
-    maps_svg,
-    pareto_svg,
-    svg_of,
-    vectors_svg,
-)
+from app.report.pages import figures
 from app.report.pages.notebook import leg_rows
 from app.report.pages.two_pages import (
     Picture,
     Section,
     celsius_words,
     first_page,
+    machine_table,
+    result_parts,
     second_page,
 )
-from app.report.text.correction import (
-    FRAME_WORDS,
-    UNSEEN,
-    before_or_now,
-    bound_table,
-    doubt_lines,
-    gains_table,
-    left_out_lines,
-    shown_value,
-    warning_lines,
-)
-from app.report.text.diagnosis import (
-    candidates_table,
-    effects_text,
-    gap_text,
-    shown_candidates,
-)
+from app.report.text.caveats import taken_word
+from app.report.text.correction import FRAME_WORDS, before_or_now, shown_value, value_parts
+from app.report.text.diagnosis import diagnosis_parts, shown_candidates
 from app.report.text.model import effect_words
-from app.report.text.printer import change_parts
 from app.report.text.result import (
     DECISION_RULE,
     bound_sentence,
-    decided,
-    difference_table,
     indicator_words,
     left_out_words,
-    line_parts,
-    noise_words,
-    offsets_table,
-    parameter_table,
-    size_table,
-    subset_table,
-    verdict_words,
+    verification_parts,
     view_parts,
-    what_to_do,
 )
 from app.report.text.tables import LEAST_MM, new_table, signed, uncertain
-from app.version import program
 from calib.arrays import LEG_NAMES
-from calib.diagnosis.results import Diagnosis
 from calib.diagnosis.vectors import vector_maps
 from calib.identify.solution import Solution
 from calib.printable import printable
@@ -105,7 +64,6 @@ class CalibrationReport:
     first_page: Sequence[Section]
     second_page: Sequence[Section]
     sections: Sequence[Section]
-    program: str
     identification: str
     head: CertificateHead | None = None
 
@@ -125,13 +83,14 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
         Section(
             "What was measured",
             [
-                _machine(calibration.machine, calibration.tolerance_mm),
+                _machine(calibration),
                 *_sessions(calibration.sessions, calibration.counted),
                 *_set_ups(result.sessions[0]),
             ],
         ),
         _controller(calibration),
-        *([_view(result), _budget(result)] if has_view else [Section(VIEW, view_parts(result))]),
+        _view(result),
+        *([_budget(result)] if has_view else []),
         *([_again(verified)] if verified else []),
         *([Section("What limits this result", limits)] if limits else []),
         _missing(calibration.diagnosed),
@@ -144,36 +103,35 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
         decision=calibration.decision,
         sentences=(
             bound_sentence(
-                result.entered,
-                result.frame,
-                calibration.tolerance_mm,
-                entered=verified is not None,
+                result.entered, result.frame, calibration.tolerance_mm, entered=verified is not None
             ),
             f"{diagnosis.verdict.upper()}. {diagnosis.sentence}",
         ),
-        first_page=first_page(calibration),
+        first_page=first_page(
+            calibration,
+            calibration.machine.name,
+            [(f"{taken_word(result)}s that count", [f"{sum(calibration.counted.values())}"])],
+            result_parts(calibration),
+        ),
         second_page=second_page(calibration, legs),
         sections=sections,
-        program=program(),
         identification=calibration.identification,
         head=calibration.head,
     )
 
 
-def _machine(machine: Machine, tolerance_mm: float | None) -> Table:
-    """What was known of it before; tolerances of parts are standard deviations."""
-    geometry = machine.geometry()
-    lengths = dict.fromkeys(f"{mm:g}" for mm in geometry.leg_length_mm)
+def _machine(calibration: CertifiedCalibration) -> Table:
+    machine = calibration.machine
+    lengths = dict.fromkeys(f"{mm:g}" for mm in machine.geometry().leg_length_mm)
     spread = f"{machine.offset_tolerance_mm:g} and {machine.length_tolerance_mm:g} mm"
-    table = new_table("machine", machine.name, left_columns=2)
-    table.add_row("length of the bars", f"{', '.join(lengths)} mm")
-    table.add_row("travel from Zero", f"{machine.travel_min_mm:+g} … {machine.travel_max_mm:+g} mm")
-    table.add_row("tolerance of joint offsets and lengths (standard deviation)", spread)
-    tool = "not stated" if tolerance_mm is None else f"{tolerance_mm:g} mm r.m.s."
-    table.add_row("tolerance of the tool", tool)
+    facts = {
+        "length of the bars": f"{', '.join(lengths)} mm",
+        "travel from Zero": f"{machine.travel_min_mm:+g} … {machine.travel_max_mm:+g} mm",
+        "tolerance of joint offsets and lengths (standard deviation)": spread,
+    }
     if machine.adjusted:
-        table.add_row("mechanical state", machine.adjusted)
-    return table
+        facts["mechanical state"] = machine.adjusted
+    return machine_table(calibration, facts)
 
 
 def _sessions(sessions: Sequence[Session], counted: Mapping[str, int]) -> list[Table]:
@@ -219,7 +177,7 @@ def _set_ups(session: Session) -> list[Picture]:
     pictures = [drawn_set_up(session, step, session.opened.instruments) for step in first.values()]
     drawings = [drawing for drawing in pictures if drawing is not None]
     caption = "Places of the indicators; + is the direction in which readings grow."
-    return [Picture(drawings_svg(drawings), caption)] if drawings else []
+    return [Picture(figures.drawings_svg(drawings), caption)] if drawings else []
 
 
 def _controller(calibration: CertifiedCalibration) -> Section:
@@ -228,33 +186,21 @@ def _controller(calibration: CertifiedCalibration) -> Section:
     The decision before heads it where the values were entered since.
     """
     result, entered = calibration.result, calibration.verification is not None
-    machine, correction = result.sessions[0].opened.machine, result.correction
-    head = [calibration.judged_words if entered else "", DECISION_RULE]
-    bound = bound_table(correction.frame, correction.off_now, result.entered.off, entered=entered)
-    remedies = [effect_words(effect, machine) for effect in calibration.effects]
-    if change := result.printer_change:
-        values = [*doubt_lines(result), *change_parts(result, change)]
-        parts = [*head, *values, bound, *line_parts(result), *remedies]
-        return Section("What to enter in the firmware", parts)
+    machine, change = calibration.machine, result.printer_change
     sentence = (
         "True position of a joint = believed position + offset. These are the values that glidecal "
         "export writes for a controller with joint offsets, in addition to those entered when it "
-        f"was measured. They leave the smallest tool error, {FRAME_WORDS[correction.frame]}."
+        f"was measured. They leave the smallest tool error, {FRAME_WORDS[result.frame]}."
     )
     return Section(
-        "What to enter in the controller",
+        f"What to enter in the {'firmware' if change else 'controller'}",
         [
-            *head,
-            sentence,
-            *warning_lines(result, correction),
-            _offsets(result, machine),
-            bound,
-            _vectors(result, before_or_now(entered)),
-            "" if result.reads_tool else UNSEEN,
-            gains_table(result),
-            *line_parts(result),
-            *left_out_lines(correction.left_out),
-            *remedies,
+            calibration.judged_words if entered else "",
+            DECISION_RULE,
+            "" if change else sentence,
+            *value_parts(result, _offsets(result, machine), entered=entered),
+            *([] if change else [_vectors(result, before_or_now(entered))]),
+            *(effect_words(effect, machine) for effect in calibration.effects),
         ],
     )
 
@@ -262,7 +208,7 @@ def _controller(calibration: CertifiedCalibration) -> Section:
 def _offsets(result: SessionSolution, machine: Machine) -> Table:
     """Joint offsets beside those that were entered when it was measured."""
     table = new_table("joint", "entered when measured, mm", "add, mm", "± U (95 %)", "together, mm")
-    wide_mm = result.corrections.half_widths_mm().tolist()
+    wide_mm = result.corrections.uncertainties_mm()[1].tolist()
     columns = (machine.entered_offsets_mm, result.joint_offsets_mm, wide_mm)
     for name, now_mm, added, wide in zip(LEG_NAMES, *columns, strict=True):
         now, add, total = map(shown_value, (now_mm, added, now_mm + added))
@@ -280,28 +226,19 @@ def _vectors(result: SessionSolution, when: str) -> Picture:
         "Zero. All arrows have one scale; colour is the length in space. What may be off in any "
         "direction has no arrow: it is in the bound above."
     )
-    return Picture(vectors_svg(maps), caption)
+    return Picture(figures.vectors_svg(maps), caption)
 
 
 def _view(result: SessionSolution) -> Section:
-    """One set of parameters as the papers identify it."""
-    solution = result.solution
+    """One set of parameters as the papers identify it, with pictures where there is one."""
+    if (solution := result.view_solution) is None:
+        return Section(VIEW, view_parts(result))
     caption = (
         f"Expected error of the tool with the values of this view, {FRAME_WORDS[result.frame]}, µm "
         "r.m.s., on three planes through Zero."
     )
-    return Section(
-        VIEW,
-        [
-            verdict_words(result),
-            noise_words(result),
-            parameter_table(solution),
-            *([size_table(solution)] if solution.sizes else []),
-            subset_table(result),
-            *_correlations(solution),
-            Picture(maps_svg(result.tool_maps), caption),
-        ],
-    )
+    maps = Picture(figures.maps_svg(result.tool_maps), caption)
+    return Section(VIEW, [*view_parts(result), *_correlations(solution), maps])
 
 
 def _correlations(solution: Solution) -> Iterator[Picture]:
@@ -311,7 +248,7 @@ def _correlations(solution: Solution) -> Iterator[Picture]:
             "Correlations of the parameters. Near 1 or −1 the readings show only the difference "
             "or the sum of the two."
         )
-        yield Picture(correlations_svg(solution.names, solution.correlation), caption)
+        yield Picture(figures.correlations_svg(solution.names, solution.correlation), caption)
 
 
 def _budget(result: SessionSolution) -> Section:
@@ -329,7 +266,7 @@ def _budget(result: SessionSolution) -> Section:
         "made of these: it is over everything that may be true of the machine."
     )
     shares = Picture(
-        pareto_svg(result.budget),
+        figures.pareto_svg(result.budget),
         "Sources of the uncertainty of these parameters, the largest first. The line is their "
         "share of the square of U so far. U of the values to enter is another one.",
     )
@@ -339,63 +276,48 @@ def _budget(result: SessionSolution) -> Section:
 def _again(verification: Verification) -> Section:
     """What the session after the offsets were entered says."""
     compared = verification.compared
-    chart = before_and_after(compared.before.solution, compared.after.solution)
+    chart = charts.before_and_after(compared.before.solution, compared.after.solution)
     caption = f"Each difference before and after the offsets were entered{WHISKER_WORDS}"
     return Section(
         "Measured again, with the offsets entered",
-        [
-            decided(verification),
-            *what_to_do(verification),
-            *compared.remarks,
-            offsets_table(verification),
-            Picture(bars_svg(chart), caption),
-        ],
+        [*verification_parts(verification), Picture(figures.bars_svg(chart), caption)],
     )
 
 
 def _missing(diagnosed: SessionDiagnosis) -> Section:
-    """The diagnosis: where readings and model disagree, and which effects explain it."""
+    """The diagnosis, with pictures of what each candidate and what the names leave."""
     diagnosis = diagnosed.diagnosis
-    residuals = svg_of(residuals_before_and_after(diagnosis.residuals.cells))
-    return Section(
-        "What is missing from the model",
-        [
-            gap_text(diagnosed),
-            effects_text(diagnosis.effects, tower_names(diagnosed.sessions[0].opened.machine)),
-            *_evidence(diagnosis),
-            Picture(residuals, "Mean residual of each posture; grey: twice its noise."),
-        ],
-    )
-
-
-def _evidence(diagnosis: Diagnosis) -> Sequence[Table | Picture]:
-    """What speaks for the names, and for those that were not given."""
-    if not (candidates := shown_candidates(diagnosis)):
-        return ()
-    bars = [
-        (printable(f"{c.id} ({c.where})"), 1000.0 * c.gap_rms_after_mm, not c.reason_rejected)
-        for c in candidates
+    pictures = [
+        Picture(
+            figures.svg_of(charts.residuals_before_and_after(diagnosis.residuals.cells)),
+            "Mean residual of each posture; grey: twice its noise.",
+        )
     ]
-    sentence = (
-        "Evidence: what each candidate leaves of the gap. The shorter its bar, the more the "
-        "readings speak for it; it is named where nothing else explains them as well."
-    )
-    picture = Picture(evidence_svg(bars, 1000.0 * diagnosis.gap_before.rms_mm), sentence)
-    return candidates_table(candidates), picture
+    if bars := [
+        (printable(f"{c.id} ({c.where})"), 1000.0 * c.gap_rms_after_mm, not c.reason_rejected)
+        for c in shown_candidates(diagnosis)
+    ]:
+        caption = (
+            "Evidence: what each candidate leaves of the gap. The shorter its bar, the more the "
+            "readings speak for it; it is named where nothing else explains them as well."
+        )
+        gap_um = 1000.0 * diagnosis.gap_before.rms_mm
+        pictures.insert(0, Picture(figures.evidence_svg(bars, gap_um), caption))
+    return Section("What is missing from the model", [*diagnosis_parts(diagnosed), *pictures])
 
 
 def _fit(result: SessionSolution) -> Section:
     """What the model makes of the readings."""
     caption = f"Differences as measured, and what the model leaves of them{WHISKER_WORDS}"
-    bars = Picture(bars_svg(measured_and_predicted(result.solution)), caption)
-    parts: list[Table | Picture] = [difference_table(result.solution), bars]
-    if (over_time := residuals_over_time(result)).series:
-        parts.append(Picture(svg_of(over_time), "Residuals over time: drift shows here."))
+    bars = Picture(figures.bars_svg(charts.measured_and_predicted(result.solution)), caption)
+    parts = [bars]
+    if (over_time := charts.residuals_over_time(result)).series:
+        parts.append(Picture(figures.svg_of(over_time), "Residuals over time: drift shows here."))
     caption = (
         "Residuals in the order of their size. On the line they are normal with the noise of the "
         "readings; steeper is more than noise; a point far from the others is an outlier."
     )
-    parts.append(Picture(svg_of(residuals_over_normal(result)), caption))
+    parts.append(Picture(figures.svg_of(charts.residuals_over_normal(result)), caption))
     return Section("Differences", parts)
 
 
@@ -408,7 +330,7 @@ def _legs(legs: tuple[LegFigure, ...]) -> Section:
         "parabola."
     )
     rows = leg_rows(legs)
-    pictures = [Picture(legs_svg(row), "; ".join(leg.title for leg in row)) for row in rows]
+    pictures = [Picture(figures.legs_svg(row), "; ".join(leg.title for leg in row)) for row in rows]
     return Section("Each leg over its travel", [sentence, *pictures])
 
 

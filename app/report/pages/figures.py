@@ -232,9 +232,7 @@ def bars_svg(chart: Chart) -> str:
         for series, colour in zip(chart.series, COLOURS, strict=False):
             _bars(together, series, colour)
         in_um = replace(
-            second,
-            y=tuple(1000.0 * mm for mm in second.y),
-            u=tuple(1000.0 * mm for mm in second.u),
+            second, y=tuple(1000.0 * mm for mm in second.y), u=tuple(1000.0 * mm for mm in second.u)
         )
         _bars(alone, in_um, COLOURS[1])
         together.set(ylabel=f"{chart.title}, mm")

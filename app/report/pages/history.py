@@ -10,13 +10,11 @@ from rich.table import Table
 
 from app.evaluating.history import History, MachineHistory
 from app.evaluating.posture_history import PostureHistory
+from app.report.charts.history import control_charts, platform_chart
 from app.report.charts.legs import LegFigure
-from app.report.charts.posture_history import platform_chart
-from app.report.charts.results import control_charts
 from app.report.pages.figures import legs_svg, svg_of
 from app.report.pages.two_pages import Picture, Section
 from app.report.text import history as texts
-from app.version import program
 
 CAPTION = (
     "Change of each joint offset, with the mean and the limits (three standard deviations, by "
@@ -39,7 +37,6 @@ class HistoryPage:
     folder: str
     sentences: Sequence[str]
     sections: Sequence[Section]
-    program: str
 
     @property
     def title(self) -> str:
@@ -60,36 +57,20 @@ def history_page(history: History, now: datetime) -> HistoryPage:
         sentences=[*texts.waiting_sentences(history), *(text for _, text in history.problems)],
         sections=[
             *([Section("Machines", [texts.machines_table(history)])] if several else []),
-            *(_section(machine, now) for machine in history.machines),
-            *(_posture_section(machine, now) for machine in history.of_postures),
+            *(_section(past, now) for past in history.all_machines),
         ],
-        program=program(),
     )
 
 
-def _posture_section(machine: PostureHistory, now: datetime) -> Section:
-    table, notes = texts.posture_sessions_table(machine)
-    heading = f"{machine.machine}{texts.ORIGIN_WORDS[machine.origin]}"
-    picture = Picture(svg_of(platform_chart(machine)), PLATFORM_CAPTION)
-    sentence = texts.posture_machine_sentence(machine, now)
-    return Section(heading, [sentence, picture, table, texts.BELOW_POSTURES, *notes])
-
-
-def _section(machine: MachineHistory, now: datetime) -> Section:
-    table, notes = texts.sessions_table(machine)
-    picture = Picture(
-        legs_svg([_narrow(joint) for joint in control_charts(machine)]), _caption(machine)
-    )
-    heading = f"{texts.title_of(machine)}{texts.ORIGIN_WORDS[machine.origin]}"
-    parts: list[str | Table | Picture] = [
-        texts.machine_sentence(machine, now),
-        *texts.drift_lines(machine),
-        picture,
-        table,
-        texts.BELOW_TABLE,
-        *notes,
-    ]
-    return Section(heading, parts)
+def _section(past: MachineHistory | PostureHistory, now: datetime) -> Section:
+    sentence, drifts, table, sentence_below, notes = texts.machine_parts(past, now)
+    if isinstance(past, PostureHistory):
+        picture = Picture(svg_of(platform_chart(past)), PLATFORM_CAPTION)
+    else:
+        joints = [_narrow(joint) for joint in control_charts(past)]
+        picture = Picture(legs_svg(joints), _caption(past))
+    parts: list[str | Table | Picture] = [sentence, *drifts, picture, table, sentence_below, *notes]
+    return Section(texts.title_of(past), parts)
 
 
 def _narrow(joint: LegFigure) -> LegFigure:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from base64 import b64encode
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -15,16 +15,17 @@ from rich.console import RenderableType
 from rich.table import Column, Table
 
 from app.evaluating.comparison import reported_pair
-from app.report.certificate import CertificateHead, calibration_of, issue_number
+from app.report.certificate import CertificateHead, Certified, calibration_of, issue_number
 from app.report.pages.contents import CalibrationReport, report_from
 from app.report.pages.history import HistoryPage
 from app.report.pages.two_pages import shortened
+from app.version import program
 from calib.errors import UsageError
 from calib.printable import printable
 from protocols.files import check_targets, write_files
 
 if TYPE_CHECKING:  # of a digital certificate alone, and of the extra sign
-    from app.report.dcc.document import CertificateContents
+    from app.report.dcc.document import Result
     from app.report.dcc.signature import SigningKey
 
 ENDINGS = (".html", ".pdf", ".xml")
@@ -50,9 +51,7 @@ HEADING_LETTERS, BOLD = 14, 1.15
 def html_of(page: CalibrationReport | HistoryPage) -> str:
     """One page without a script or anything from elsewhere; texts of strangers are inert."""
     name = "report.html" if isinstance(page, CalibrationReport) else "history.html"
-    return (
-        _environment().get_template(name).render(page=page, one_piece=ONE_PIECE, width_em=WIDTH_EM)
-    )
+    return _environment().get_template(name).render(page=page)
 
 
 @cache
@@ -64,6 +63,7 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
         loader=PackageLoader("app.report", "pages"),
     )
+    environment.globals |= {"one_piece": ONE_PIECE, "width_em": WIDTH_EM, "program": program()}
     environment.filters |= {
         "css": _css,
         "data": _data,
@@ -149,15 +149,11 @@ def pdf_of(html: str) -> bytes:
 
 @dataclass(frozen=True)
 class ReportSource:
-    """Results of records, as a page and as a digital certificate.
+    """Results of records, as a page and as those of a digital certificate."""
 
-    ``digests`` are the records', ``terms`` what the results depend on beside them.
-    """
-
-    digests: tuple[str, ...]
-    terms: str
+    certified: Certified
     page: Callable[[], CalibrationReport]
-    certificate: Callable[[], CertificateContents]
+    results: Callable[[], Iterable[Result]]
 
 
 def source_of_legs(
@@ -180,14 +176,12 @@ def source_of_legs(
         sessions, model=model, later_path=later_path, tolerance_mm=tolerance_mm, head=head
     )
 
-    def certificate() -> CertificateContents:
-        from app.report.dcc.legs import contents_of
+    def results() -> Iterable[Result]:
+        from app.report.dcc.legs import results_of
 
-        return contents_of(calibration)
+        return results_of(calibration)
 
-    return ReportSource(
-        calibration.digests, calibration.terms, lambda: report_from(calibration), certificate
-    )
+    return ReportSource(calibration, lambda: report_from(calibration), results)
 
 
 def write_report(
@@ -210,18 +204,20 @@ def write_report(
         from app.report.dcc.document import certificate_xml, check_head
 
         check_head(head)
-    results = source()
-    issue_number(head, results.digests, results.terms)
+    report = source()
+    certified = report.certified
+    issue_number(head, certified.digests, certified.terms)
+    content: str | bytes
     if not digital:
-        html = html_of(results.page())
+        html = html_of(report.page())
         content = pdf_of(html) if output.suffix == ".pdf" else html
-        return write_files(output, {"": content}, replace=replace)[0]
-    xml = certificate_xml(results.certificate())
-    if key:
-        from app.report.dcc.signature import signed
+    else:
+        content = certificate_xml(certified, report.results())
+        if key:
+            from app.report.dcc.signature import signed
 
-        return write_files(output, {"": signed(xml, key)}, replace=replace)[0]
-    return write_files(output, {"": xml}, replace=replace)[0]
+            content = signed(content, key)
+    return write_files(output, {"": content}, replace=replace)[0]
 
 
 def check_output(output: Path, *, replace: bool) -> None:

@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from rich.table import Table
 
-from app.evaluating.comparison import Verification
-from app.report.certificate import CertificateHead, CertifiedCalibration, traceability_words
+from app.report.certificate import CertificateHead, Certified, CertifiedCalibration
 from app.report.charts.legs import LegFigure
 from app.report.pages.figures import leg_sheet_svg
-from app.report.text.caveats import gauge_word, taken_word
-from app.report.text.correction import (
-    FRAME_WORDS,
-    bound_table,
-    correction_table,
-)
+from app.report.text.caveats import taken_word
+from app.report.text.correction import FRAME_WORDS, bound_table, correction_table
 from app.report.text.printer import change_tables
 from app.report.text.result import DECISION_RULE, decided, offsets_table, what_to_do
 from app.report.text.tables import new_table
 from calib.printable import printable
-from protocols.certificate import InstrumentIdentity
 from protocols.dates import day_words
 
 LONGEST, LONGEST_ENTRY, LONGEST_CELL = 220, 60, 28
 """Letters of a sentence, an entry and a narrow cell on these pages; the annex has the whole."""
 
-MOST_SESSIONS, MOST_INSTRUMENTS, MOST_LIMITS, MOST_WARNINGS = 2, 3, 3, 2
+MOST_RECORDS, MOST_INSTRUMENTS, MOST_LIMITS, MOST_WARNINGS = 2, 3, 3, 2
 """So many are on these pages; the annex has all."""
 
 UNCERTAINTY = (
@@ -38,8 +32,15 @@ UNCERTAINTY = (
 
 SIMULATED = "SIMULATED: no machine was measured. These readings were computed by the program."
 
+LONGEST_OF_POSTURES = 400
+"""Letters of a sentence on a session of postures: seven motions of frames have room."""
+
 MOST_LEGS = 12
 """Pictures of legs for which there is room."""
+
+
+Fact = tuple[str, Iterable[str | None]]
+"""A heading, and what is stated there."""
 
 
 @dataclass(frozen=True)
@@ -58,15 +59,38 @@ class Section:
     parts: Sequence[str | Table | Picture]
 
 
-def first_page(calibration: CertifiedCalibration) -> list[Section]:
+def first_page(
+    certified: Certified, name: str, facts: Iterable[Fact], result: Sequence[str | Table]
+) -> list[Section]:
     """What was calibrated for whom, how and with what, and the result."""
-    result = calibration.result
-    simulated = any(session.opened.origin == "simulated" for session in calibration.sessions)
+    table = _object(certified, name, facts)
+    lines = [certified.traceability, shortened(certified.attached, LONGEST_OF_POSTURES)]
     return [
-        Section("", [_object(calibration), SIMULATED if simulated else ""]),
-        Section("Traceability", traceability(calibration.instruments, gauge_word(result))),
-        Section("Result", _result(calibration)),
+        Section("", [table, SIMULATED if certified.simulated else ""]),
+        Section("Traceability", [*_instruments(certified), *lines]),
+        Section("Result", result),
     ]
+
+
+def _object(certified: Certified, name: str, facts: Iterable[Fact]) -> Table:
+    """The machine, the customer, the sessions that were measured with further ``facts`` on them."""
+    records = certified.records
+    table = new_table("object", shortened(name), left_columns=2)
+    for heading, values in (
+        *_ordered_facts(certified.head, certified.serial_numbers),
+        ("measured", dict.fromkeys(day_words(r.opened, r.readings) for r in records)),
+        ("operator", dict.fromkeys(record.operator for record in records)),
+        ("temperature", dict.fromkeys(celsius_words(r.temperature_c) for r in records)),
+        ("procedure", dict.fromkeys(record.procedure for record in records)),
+        *facts,
+    ):
+        table.add_row(heading, shortened(", ".join(filter(None, values))) or "not stated")
+    for record in records[:MOST_RECORDS]:
+        table.add_row("record", shortened(record.name))
+        table.add_row("SHA-256 of its last line", record.digest)
+    if len(records) > MOST_RECORDS:
+        table.add_row("records", f"{len(records) - MOST_RECORDS} more in the annex")
+    return table
 
 
 def second_page(calibration: CertifiedCalibration, legs: Sequence[LegFigure]) -> list[Section]:
@@ -81,67 +105,30 @@ def second_page(calibration: CertifiedCalibration, legs: Sequence[LegFigure]) ->
         caption += f" {len(legs) - MOST_LEGS} more are in the annex."
     sheet = [Picture(leg_sheet_svg(legs[:MOST_LEGS]), caption)] if legs else []
     return [
-        Section("Entered and verified", _verified(calibration.verification)),
+        Section("Entered and verified", _verified(calibration)),
         Section("Uncertainty", [UNCERTAINTY]),
         *([Section(heading, sheet)] if sheet else []),
         Section("Limits of this result", shortened_limits(calibration.limits)),
     ]
 
 
-def _object(calibration: CertifiedCalibration) -> Table:
-    """The machine, the customer, and the sessions that were measured."""
-    machine, sessions = calibration.machine, calibration.sessions
-    opened = [session.opened for session in sessions]
-    table = new_table("object", shortened(machine.name), left_columns=2)
-    procedures = (start.procedure.name if start.procedure else None for start in opened)
-    count = sum(calibration.counted.values())
-    rows: list[tuple[str, Iterable[str | None]]] = [
-        *ordered_rows(calibration.head, calibration.serial_numbers),
-        ("measured", dict.fromkeys(day_words(s.opened, s.readings) for s in sessions)),
-        ("operator", dict.fromkeys(start.operator for start in opened)),
-        ("temperature", dict.fromkeys(celsius_words(start.temperature_c) for start in opened)),
-        ("procedure", dict.fromkeys(procedures)),
-        (f"{taken_word(calibration.result)}s that count", [f"{count}"]),
-    ]
-    records = [(session.name, session.digest) for session in sessions[:MOST_SESSIONS]]
-    add_facts(table, rows, records)
-    if len(sessions) > MOST_SESSIONS:
-        table.add_row("records", f"{len(sessions) - MOST_SESSIONS} more in the annex")
-    return table
-
-
-def add_facts(
-    table: Table,
-    facts: Iterable[tuple[str, Iterable[str | None]]],
-    records: Iterable[tuple[str, str]],
-) -> None:
-    """A row for each fact, by its heading, and for the name and the digest of each record."""
-    for heading, values in facts:
-        table.add_row(heading, shortened(", ".join(filter(None, values))) or "not stated")
-    for name, digest in records:
-        table.add_row("record", shortened(name))
-        table.add_row("SHA-256 of its last line", digest)
-
-
-def ordered_rows(
-    head: CertificateHead | None, serial_numbers: Sequence[str]
-) -> list[tuple[str, Iterable[str | None]]]:
+def _ordered_facts(head: CertificateHead | None, serial_numbers: Sequence[str]) -> list[Fact]:
     """Which machine it is, for whom and where, as the order of a certificate states it."""
-    rows: list[tuple[str, Iterable[str | None]]] = []
+    facts: list[Fact] = []
     if serial_numbers or head:
-        rows.append(("serial number", serial_numbers[:1]))
-    rows += [("serial number in the record", [number]) for number in serial_numbers[1:]]
+        facts.append(("serial number", serial_numbers[:1]))
+    facts += [("serial number in the record", [number]) for number in serial_numbers[1:]]
     if head:
         order = head.order
         machine, customer = order.machine, order.customer
-        rows += [
+        facts += [
             ("manufacturer, model", (machine.manufacturer, machine.model)),
             ("customer", [customer.name]),
             ("address", customer.address),
             ("place of calibration", [order.place]),
             ("date of issue", [f"{order.issued}" if order.issued else ""]),
         ]
-    return rows
+    return facts
 
 
 def celsius_words(value_c: float | None) -> str:
@@ -149,12 +136,12 @@ def celsius_words(value_c: float | None) -> str:
     return "" if value_c is None else f"{value_c:g} °C"
 
 
-def traceability(instruments: Sequence[InstrumentIdentity], gauge: str) -> list[str | Table]:
-    """The certificates of instruments, each a ``gauge``, and what they show."""
-    text = traceability_words(instruments, gauge)
+def _instruments(certified: Certified) -> Iterator[Table]:
+    """The certificates of instruments."""
+    instruments = certified.instruments
     if not instruments:
-        return [text]
-    table = new_table(gauge, "serial number", "certificate", "of", left_columns=4)
+        return
+    table = new_table(certified.gauge, "serial number", "certificate", "of", left_columns=4)
     for instrument in instruments[:MOST_INSTRUMENTS]:
         date = f"{instrument.certificate_date}" if instrument.certificate_date else ""
         serial, certificate = instrument.serial_number or "", instrument.certificate
@@ -162,10 +149,10 @@ def traceability(instruments: Sequence[InstrumentIdentity], gauge: str) -> list[
         table.add_row(*(shortened(entry, LONGEST_CELL) for entry in entries), date)
     if len(instruments) > MOST_INSTRUMENTS:
         table.add_row(f"{len(instruments) - MOST_INSTRUMENTS} more in the annex", "", "", "")
-    return [table, text]
+    yield table
 
 
-def _result(calibration: CertifiedCalibration) -> list[str | Table]:
+def result_parts(calibration: CertifiedCalibration) -> list[str | Table]:
     """What is entered, and what the tool is off by without it and with it."""
     result, entered = calibration.result, calibration.verification is not None
     correction, change = result.correction, result.printer_change
@@ -187,15 +174,28 @@ def _result(calibration: CertifiedCalibration) -> list[str | Table]:
     ]
 
 
-def _verified(verification: Verification | None) -> list[str | Table]:
+def _verified(calibration: CertifiedCalibration) -> list[str | Table]:
     """What a later session says of the values that were entered."""
-    if verification is None:
-        return [
-            "No session after the values were entered belongs to this document. What the tool "
-            "keeps with them is predicted from the readings, not measured."
-        ]
+    if (verification := calibration.verification) is None:
+        return [not_verified_words(calibration)]
     sentences = [decided(verification), *what_to_do(verification)]
     return [*map(_short_sentence, sentences), offsets_table(verification)]
+
+
+def not_verified_words(certified: Certified) -> str:
+    """The sentence of a document without a later session."""
+    return (
+        "No session after the values were entered belongs to this document. What the "
+        f"{certified.moved} keeps with them is predicted from the readings, not measured."
+    )
+
+
+def machine_table(certified: Certified, facts: Mapping[str, str]) -> Table:
+    """What was known of a machine before; tolerances of parts are standard deviations."""
+    limit_mm = certified.tolerance_mm
+    stated = "not stated" if limit_mm is None else f"{limit_mm:g} mm r.m.s."
+    rows = {**facts, f"tolerance of the {certified.moved}": stated}
+    return new_table("machine", certified.name, left_columns=2, rows=rows.items())
 
 
 def shortened_limits(limits: Sequence[str], longest: int = LONGEST) -> list[str]:

@@ -72,9 +72,7 @@ class ToolEntry(Report):
         lambda r: r.entered_mm, "with all values that a controller can take entered"
     )
     firmware_mm: float | None = of(
-        lambda r: r.firmware_mm,
-        "of a printer: with all values of its firmware entered",
-        asked=True,
+        lambda r: r.firmware_mm, "of a printer: with all values of its firmware entered", asked=True
     )
 
 

@@ -22,6 +22,10 @@ V = TypeVar("V")
 D = TypeVar("D", bound="Report")
 
 
+LEFT_OUT: dict[str, Any] = {"default": None, "exclude_if": lambda value: value is None}
+"""Of a key that is not there while it is None."""
+
+
 @dataclass(frozen=True)
 class ReadOff:
     """How the value of a field is read off the result."""
@@ -45,16 +49,12 @@ class Source(Generic[*R]):
         self, getter: Callable[[*R], V], words: str | None = None, *, asked: bool = False
     ) -> V:
         """A field and how its value is read; one that is ``asked`` for is no key while None."""
-        left_out: dict[str, Any] = {"default": None, "exclude_if": _is_none} if asked else {}
-        field = Field(description=words, json_schema_extra=ReadOff(getter), **left_out)
+        more = LEFT_OUT if asked else {}
+        field = Field(description=words, json_schema_extra=ReadOff(getter), **more)
         return cast("V", field)
 
     def __get__(self, part: object, kind: type[D]) -> Callable[[*R], D]:
         return kind.read_off
-
-
-def _is_none(value: object) -> bool:
-    return value is None
 
 
 class Report(Document):

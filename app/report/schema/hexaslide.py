@@ -29,13 +29,6 @@ class LostCombination(Combination):
     at_every_posture: bool
 
 
-def _lost_combinations(view: HexaSlideSeen) -> tuple[LostCombination, ...]:
-    return tuple(
-        LostCombination(**vars(combination), at_every_posture=combination.name in view.always)
-        for combination in view.seen.unidentifiable
-    )
-
-
 class ForwardDifferences(Report):
     """The rule of papers/001 on derivatives as the paper took them."""
 
@@ -70,7 +63,12 @@ class HexaSlideIdentifiabilityReport(SeenReport):
     """``identifiability hexaslide --json``."""
 
     of = Source[SeenBy, HexaSlideSeen]()
-    lost_directions: tuple[LostCombination, ...] = of(lambda _, view: _lost_combinations(view))
+    lost_directions: tuple[LostCombination, ...] = of(
+        lambda r, view: tuple(
+            LostCombination(**vars(combination), at_every_posture=combination.name in view.always)
+            for combination in r.unidentifiable
+        )
+    )
     classical_qr: PaperRules = of(lambda _, view: rules_of(view))
     reachable_rank: int | None = of(lambda r, _: r.examined.reachable_rank, "with postures enough")
     condition_numbers: dict[str, float] = of(

@@ -7,9 +7,10 @@ from datetime import datetime
 from typing import Literal, cast
 
 from app.evaluating.history import Entry, History, MachineHistory
-from app.evaluating.posture_history import Decision, Point, PostureEntry, PostureHistory
+from app.evaluating.posture_history import Point, PostureEntry, PostureHistory
 from app.report.schema.document import Numbers, Report, Source, finite, schema
 from calib.control_chart import Drift, WatchedQuantity
+from calib.identify.accuracy import Decision
 from protocols.documents import Triple
 
 

@@ -101,8 +101,7 @@ class WorkspaceReport(Report):
     )
     largest_cube: Cube | None = of(lambda _, r: maybe(Cube.of, r.cube), "null: none")
     theta_deg: Matrix = of(
-        lambda _, r: r.theta_deg.tolist(),
-        "of legs x, y, z, lowest and highest; papers/000 (1)",
+        lambda _, r: r.theta_deg.tolist(), "of legs x, y, z, lowest and highest; papers/000 (1)"
     )
     beta_deg: Matrix = of(lambda _, r: r.beta_deg.tolist())
     maps: tuple[FactorMap, ...] = of(lambda _, r: tuple(map(FactorMap.of, r.maps)))

@@ -9,11 +9,13 @@ from rich.table import Table
 
 from app.evaluating.correction import SessionCorrection
 from app.evaluating.printer import PrinterChange
-from app.evaluating.solution import SessionSolution
-from app.report.text.tables import new_table, signed, uncertain
+from app.evaluating.solution import LineParameter, SessionSolution
+from app.report.text.printer import change_parts
+from app.report.text.tables import new_table, result_table, signed, uncertain
 from calib.identify.solution import Subset
 from calib.posterior.tool import FRAMES
 from calib.quantity import probability_words
+from protocols.data_table import DataTable
 
 if TYPE_CHECKING:
     from calib.posterior.correction import LeftOut, ToolOff
@@ -43,13 +45,6 @@ HOLDS_WORDS = {
     "play": "joint offsets and play",
     "tables": "a table of each joint (linuxcnc)",
     "kinematics": "own kinematics (linuxcnc-kins)",
-}
-
-FORMATS_WORDS = {
-    "offsets": "joint offsets alone",
-    "play": "with play",
-    "tables": "with tables of the joints (linuxcnc)",
-    "kinematics": "with own kinematics (linuxcnc-kins)",
 }
 
 BOUND = "Tool over the workspace, r.m.s. (95 %): "
@@ -105,6 +100,36 @@ def gains_table(result: SessionSolution) -> Table:
     return table
 
 
+def value_parts(
+    result: SessionSolution, values: Table, *, entered: bool = False
+) -> list[str | Table]:
+    """Doubts, the ``values`` or those of a printer's firmware, the bound, what else helps.
+
+    The values may be ``entered`` since.
+    """
+    correction = result.correction
+    bound = bound_table(correction.frame, correction.off_now, result.entered.off, entered=entered)
+    if change := result.printer_change:
+        doubts = "\n".join(doubt_lines(result))
+        return [doubts, *change_parts(result, change), bound, *line_parts(result)]
+    return [
+        "\n".join(warning_lines(result, correction)),
+        values,
+        bound,
+        "" if result.reads_tool else UNSEEN,
+        gains_table(result),
+        *line_parts(result),
+        "\n".join(left_out_lines(correction.left_out)),
+    ]
+
+
+def line_parts(result: SessionSolution) -> list[str | Table]:
+    """Lines of the drives within their tolerances; nothing where the machine file has none."""
+    if not result.lines:
+        return []
+    return [result_table(DataTable.of(LineParameter, result.lines))]
+
+
 def off_line(frame: Frame, off_now: ToolOff, off: ToolOff) -> str:
     """The bound as one line, the chosen frame first."""
     first, *frames_beside = frames_of(frame)
@@ -115,11 +140,6 @@ def off_line(frame: Frame, off_now: ToolOff, off: ToolOff) -> str:
         f"{BOUND}at most {uncertain(off_now.bound_in(first))} mm now, at most "
         f"{uncertain(off.bound_in(first))} mm with these values, {FRAME_WORDS[first]}; {frames}."
     )
-
-
-def bound_line(correction: SessionCorrection) -> str:
-    """The bound of a correction as one line."""
-    return off_line(correction.frame, correction.off_now, correction.off)
 
 
 def left_out_lines(left_out: Iterable[LeftOut]) -> Iterator[str]:
@@ -133,7 +153,7 @@ def left_out_lines(left_out: Iterable[LeftOut]) -> Iterator[str]:
 
 def gain_line(result: SessionSolution, correction: SessionCorrection) -> str:
     """What other exports of the same controller would gain, as one line."""
-    labels = {**FORMATS_WORDS, correction.holds: "this export with the parts that it leaves out"}
+    labels = {**HOLDS_WORDS, correction.holds: "this export with the parts that it leaves out"}
     gains = [
         f"{labels[gain.holds]} at most {uncertain(gain.bound_mm)} mm"
         for gain in result.corrections.others(correction)
@@ -151,7 +171,7 @@ def correction_lines(result: SessionSolution, correction: SessionCorrection) -> 
     """What every file of a correction says of it."""
     change = result.printer_change if correction.holds != "kinematics" else None
     return (
-        bound_line(correction),
+        off_line(correction.frame, correction.off_now, correction.off),
         *left_out_lines(correction.left_out),
         firmware_line(change) if change else gain_line(result, correction),
         *warning_lines(result, correction),

@@ -107,27 +107,37 @@ WITH: dict[Holds, str] = {
 
 def headline(diagnosis: Diagnosis) -> str:
     """The verdict in a sentence."""
-    return wrapped(f"{diagnosis.verdict.upper()}. {diagnosis.sentence}")
+    return f"{diagnosis.verdict.upper()}. {diagnosis.sentence}"
 
 
 def diagnosis_text(diagnosed: SessionDiagnosis, adopted: AdoptedTool | None = None) -> str:
     """The verdict first, then what supports it; ``adopted`` is the tool with adopted names."""
-    diagnosis = diagnosed.diagnosis
     return paragraphs(
+        *diagnosis_parts(diagnosed, adopted),
+        *changed_lines(diagnosed.corrections, diagnosed.names),
+        *(f"Remark: {remark}" for remark in diagnosed.diagnosis.remarks),
+    )
+
+
+def diagnosis_parts(
+    diagnosed: SessionDiagnosis, adopted: AdoptedTool | None = None
+) -> list[str | Table]:
+    """The verdict and all that supports it, but for what limits the readings."""
+    diagnosis = diagnosed.diagnosis
+    return [
         headline(diagnosis),
         open_text(diagnosis),
         gap_text(diagnosed),
         effects_text(diagnosis.effects, tower_names(diagnosed.sessions[0].opened.machine)),
-        _pattern(diagnosed),
+        "\n".join(_pattern(diagnosed)),
         *_support(diagnosed),
         tool_text(diagnosed.tool),
         adopted_text(adopted, diagnosed.tool) if adopted else "",
-        f"{GAP_LIES}\n{shares_text(diagnosis.where)}",
-        candidates_text(diagnosis),
+        GAP_LIES,
+        shares_table(diagnosis.where),
+        *candidates_parts(diagnosis),
         *_detectable(diagnosis),
-        *changed_lines(diagnosed.corrections, diagnosed.names),
-        *(f"Remark: {remark}" for remark in diagnosis.remarks),
-    )
+    ]
 
 
 def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
@@ -387,13 +397,13 @@ def held_out_words(gap: HeldOutGap) -> str:
     return sentence
 
 
-def shares_text(shares: tuple[GapPart, ...]) -> str:
+def shares_table(shares: tuple[GapPart, ...]) -> Table:
     """The parts of the readings where the gap lies."""
     table = new_table("part", "share", "", "p-value", left_columns=1)
     for share in shares[:SHOWN_SHARES]:
         bar = "█" * round(20 * min(share.share, 1.0))
         table.add_row(part_words(share), f"{share.share:.0%}", bar, p_words(share.p_value))
-    return table_text(table)
+    return table
 
 
 def part_words(share: GapPart) -> str:
@@ -438,11 +448,11 @@ def candidates_table(candidates: Sequence[Contender]) -> Table:
     return table
 
 
-def candidates_text(diagnosis: Diagnosis) -> str:
+def candidates_parts(diagnosis: Diagnosis) -> list[str | Table]:
     """The candidates that are shown, the likeliest first; empty where there is no choice."""
     candidates = shown_candidates(diagnosis)
     text = "Candidates, the likeliest first, and the gap that each alone leaves"
-    return f"{text}\n{table_text(candidates_table(candidates))}" if len(candidates) > 1 else ""
+    return [text, candidates_table(candidates)] if len(candidates) > 1 else []
 
 
 def _detectable(diagnosis: Diagnosis) -> list[Table]:
@@ -477,7 +487,8 @@ def where_text(diagnosed: SessionDiagnosis) -> str:
         *parts,
         f"▲ ▼ more than {SEEN:.0f}, ▲▲ ▼▼ more than {STRONG:.0f} standard deviations of a mean"
         + ("\n↑ ↓ reached while moving up, down" if _both_ways(cells) else ""),
-        f"{GAP_LIES}\n{shares_text(diagnosed.diagnosis.where)}",
+        GAP_LIES,
+        shares_table(diagnosed.diagnosis.where),
     )
 
 
@@ -520,7 +531,7 @@ def ranking_text(diagnosed: SessionDiagnosis) -> str:
     fallback = "No effect of the catalogue is likely in these readings."
     if diagnosis.effects:
         fallback = "There is no choice: the verdict names the only likely effects."
-    parts = [candidates_text(diagnosis) or fallback]
+    parts = candidates_parts(diagnosis) or [fallback]
     for finding in filter(lambda finding: finding.effects, diagnosis.effects):
         subject = f"{finding.id} ({finding.where})"
         sentence = f"In these readings no other effect looks like {subject}."

@@ -7,15 +7,8 @@ from pathlib import Path
 from statistics import median
 
 from app.report.text.tables import PAGE_HELP, new_table, paragraphs, table_text, wrapped
-from calib.arrays import FloatArray
 from calib.hexaslide.geometry import COORDINATES
-from calib.hexaslide.planning import (
-    DIFFERENCE_STEP,
-    SCALED,
-    SCALED_WORDS,
-    HexaSlideSeen,
-    PaperRule,
-)
+from calib.hexaslide.planning import DIFFERENCE_STEP, SCALED, SCALED_WORDS, HexaSlideSeen, PaperRule
 from calib.hexaslide.procedures import MEASURABLE_WORDS, ProcedureKind
 from calib.hexaslide.search import BestPostures
 
@@ -284,10 +277,6 @@ def sees_text(
     rank, count = seen_by.identifiability.rank, len(seen_by.identifiability.names)
     published = seen_by.examined.published_rank
     paper = "" if published is None else f" (papers/001: {published})"
-    known_names = seen_by.identifiability.individually_known
-    one_by_one = f" ({len(known_names)}): {', '.join(known_names) or 'none'}."
-    if len(known_names) == count:
-        one_by_one = f": all {count} parameters."
     table = new_table("condition number", *view.conditions)
     conditions = map(_number, view.conditions.values())
     table.add_row(f"{seen_by.examined.posture_count} random postures", *conditions)
@@ -306,7 +295,7 @@ def sees_text(
         f"FEWEST POSTURES: {view.fewest}.",
         seen_by.examined.remark,
         f"{table_text(table)}\nColumns not scaled, so the number depends on the units.",
-        f"KNOWN ONE BY ONE{one_by_one}",
+        _known_words(view),
     )
 
 
@@ -345,14 +334,11 @@ def search_text(
 
 
 def list_text(best: BestPostures | None) -> str:
-    """The best postures as a table."""
-    return NOT_YET if best is None else postures_table(best.coordinates)
-
-
-def postures_table(postures: FloatArray) -> str:
-    """Postures ``(p, 6)`` in metres and degrees."""
+    """The best postures as a table, in metres and degrees."""
+    if best is None:
+        return NOT_YET
     table = new_table("", *COORDINATES)
-    for number, posture in enumerate(postures.tolist(), start=1):
+    for number, posture in enumerate(best.coordinates.tolist(), start=1):
         places = (f"{value:z.4f}" for value in posture[:3])
         angles = (f"{math.degrees(value):z.2f}" for value in posture[3:])
         table.add_row(f"{number}", *places, *angles)

@@ -59,9 +59,7 @@ def calibration_text(result: CalibratedMachine) -> str:
         beside_words(result.adopted),
         *size_tables(result.sizes),
         "\n".join([*verdict, platform_text(document), *caveats(document)]),
-        parameter_table(document),
-        *entered_words(document),
-        "\n".join(figure_lines(document, result.fit.factor)),
+        *parameter_parts(document, result.fit.factor),
         *left_parts(document),
         "\n".join([check_words(document), *_truth(document)]),
     )
@@ -93,11 +91,7 @@ def verification_lines(verification: VerifiedMachine) -> list[str]:
         decision = verification.decision.upper()
     else:
         off += " There is no --tolerance, and no platform_tolerance_mm in the machine file."
-    return [
-        f"{decision}: {off}",
-        f"Before: {was_mm:.3g} mm r.m.s.",
-        *_next_lines(verification),
-    ]
+    return [f"{decision}: {off}", f"Before: {was_mm:.3g} mm r.m.s.", *_next_lines(verification)]
 
 
 def off_words(result: CalibratedMachine, tolerance_mm: float | None) -> str:
@@ -245,6 +239,14 @@ def caveats(document: HexaSlideCalibrationReport) -> list[str]:
     if motions and not other_count:
         lines.append("These turn or shift whole frames; nothing that was measured depends on them.")
     return lines
+
+
+def parameter_parts(
+    document: HexaSlideCalibrationReport, factor: float | None
+) -> list[str | Table]:
+    """Parameters that are known alone, whether they are lengths, and what is known together."""
+    lines = "\n".join(figure_lines(document, factor))
+    return [parameter_table(document), *entered_words(document), lines]
 
 
 def parameter_table(document: HexaSlideCalibrationReport) -> str | Table:

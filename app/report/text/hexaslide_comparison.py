@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.table import Table
 
 from app.evaluating.hexaslide_comparison import ComparedSession, ComparedSessions
-from app.report.schema.hexaslide_comparison import LengthOfBoth, lengths_of
+from app.report.schema.hexaslide_diagnosis import LengthOfBoth, lengths_of
 from app.report.text.hexaslide_diagnosis import verdict_words
 from app.report.text.tables import new_table, paragraphs, signed
 from calib.hexaslide.comparison import CHANGED, MachinesApart

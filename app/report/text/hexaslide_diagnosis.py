@@ -106,9 +106,7 @@ def model_text(model: HexaSlideModel) -> str:
         title = f"{entry.id} ({entry.where}): {title_of((entry.id, entry.where))}"
         parts.append("\n".join([title, *size_lines(entry), *origin_lines(entry)]))
     return paragraphs(
-        f"Model of {model.machine.name}",
-        *(parts or ["No effects."]),
-        history_words(model.history),
+        f"Model of {model.machine.name}", *(parts or ["No effects."]), history_words(model.history)
     )
 
 

@@ -12,11 +12,10 @@ from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import (
     caveats,
     check_words,
-    figure_lines,
     is_shown_better,
     left_parts,
     off_words,
-    parameter_table,
+    parameter_parts,
 )
 from app.report.text.hexaslide_diagnosis import missing_parts, verdict_line
 from app.report.text.hexaslide_session import readings_parts, remark_lines
@@ -98,8 +97,7 @@ def next_text(document: HexaSlideCalibrationReport, folder: str) -> str:
 def details_text(result: PostureResult) -> str:
     """Parameters, and what is known only together."""
     document = HexaSlideCalibrationReport.of(result.calibration)
-    lines = "\n".join(figure_lines(document, result.calibration.fit.factor))
-    return paragraphs(parameter_table(document), lines)
+    return paragraphs(*parameter_parts(document, result.calibration.fit.factor))
 
 
 def left_text(result: PostureResult) -> str:

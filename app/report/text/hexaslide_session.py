@@ -113,9 +113,7 @@ def _rows(session: PostureSession) -> Iterator[tuple[tuple[str, str], list[str]]
 
 
 def _stacked(
-    first: Sequence[str],
-    names: Sequence[str],
-    rows: Sequence[tuple[Sequence[str], Sequence[str]]],
+    first: Sequence[str], names: Sequence[str], rows: Sequence[tuple[Sequence[str], Sequence[str]]]
 ) -> Table:
     """A table with all digits: columns of ``names`` one below the other where they are more than a
     terminal has room for beside those of ``first``.

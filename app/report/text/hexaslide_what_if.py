@@ -5,17 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from app.report.text.hexaslide_diagnosis import title_of
-from app.report.text.tables import new_table, table_text
+from app.report.text.tables import SIZE_KEYS, new_table, table_text
 from calib.hexaslide.what_if import CauseAtSize
 
-WHAT_IF_HELP = """\
-{what_if.smaller}, {what_if.larger}  the size smaller, larger, by a step below its ±
-{what_if.much_smaller}, {what_if.much_larger}  ten times as far
-{what_if.size_before}, {what_if.next_size}  another of several sizes (> is moved)
-{what_if.nothing}  nothing: parameters alone
-{what_if.best}  the size that fits best
-{page.copy}  copy words and plot to the clipboard
-{page.back}, {app.quit}  back, quit
+WHAT_IF_HELP = f"""\
+{SIZE_KEYS}
+{{page.copy}}  copy words and plot to the clipboard
+{{page.back}}, {{app.quit}}  back, quit
 
 Parameters are fitted again at every size. Platform, cause not
 compensated: what the cause alone does there over the box, frames laid

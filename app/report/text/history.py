@@ -8,7 +8,7 @@ from datetime import datetime
 from rich.table import Table
 
 from app.evaluating.history import Entry, History, MachineHistory
-from app.evaluating.posture_history import Point, PostureEntry, PostureHistory
+from app.evaluating.posture_history import PastEntry, Point, PostureEntry, PostureHistory
 from app.report.text.tables import (
     PAGE_HELP,
     hanging,
@@ -62,8 +62,7 @@ BELOW_POSTURES = (
 
 def history_text(history: History, now: datetime) -> str:
     """Files that cannot be used first; a table of several machines, then each of them."""
-    machines = [machine_text(machine, now) for machine in history.machines]
-    machines += [posture_machine_text(machine, now) for machine in history.of_postures]
+    machines = [paragraphs(*machine_parts(past, now)) for past in history.all_machines]
     listed = [machines_table(history)] if len(machines) > 1 else []
     return paragraphs(files_text(history).splitlines(), *listed, *([text] for text in machines))
 
@@ -96,11 +95,6 @@ def waiting_sentences(history: History) -> list[str]:
     ]
 
 
-def machine_names(history: History) -> list[str]:
-    """The title of each machine, with the origin of its sessions."""
-    return [f"{past.machine}{ORIGIN_WORDS[past.origin]}" for past in history.all_machines]
-
-
 def machine_rows(history: History) -> list[str]:
     """A line for each machine, with the number of its sessions and the last one."""
     return [
@@ -110,8 +104,12 @@ def machine_rows(history: History) -> list[str]:
 
 def _rows(history: History) -> Iterator[tuple[str, int, str]]:
     """The name of each machine, how many sessions it has, and the day of the last one."""
-    for name, past in zip(machine_names(history), history.all_machines, strict=True):
-        yield name, len(past.points), f"{past.points[-1].entry.began:%Y-%m-%d}"
+    for past in history.all_machines:
+        yield (
+            f"{past.machine}{ORIGIN_WORDS[past.origin]}",
+            len(past.points),
+            f"{past.points[-1].entry.began:%Y-%m-%d}",
+        )
 
 
 def machines_table(history: History) -> Table:
@@ -122,35 +120,28 @@ def machines_table(history: History) -> Table:
     return table
 
 
-def machine_text(machine: MachineHistory, now: datetime) -> str:
-    """Due when, drift, then a row for each session and what changed before it."""
-    table, notes = sessions_table(machine)
-    return paragraphs(
-        machine_sentence(machine, now), drift_lines(machine), table, BELOW_TABLE, notes
-    )
-
-
-def title_of(machine: MachineHistory) -> str:
-    """The name of a machine, with serial number and place as far as they are stated."""
-    return ", ".join(filter(None, [machine.machine, machine.last.machine.place]))
-
-
-def machine_sentence(machine: MachineHistory, now: datetime) -> str:
-    """How many sessions, how long ago the last, and when the next is due."""
-    last = _last_words(title_of(machine), machine.origin, machine.points, now)
-    return f"{last} {due_words(machine)}"
-
-
-def _last_words(
-    name: str, origin: str, points: Sequence[Point[Entry] | Point[PostureEntry]], now: datetime
-) -> str:
-    """The last session; of a table whose day nobody stated the day of the import is known."""
-    last = points[-1]
+def machine_parts(
+    past: MachineHistory | PostureHistory, now: datetime
+) -> tuple[str, list[str], Table, str, list[str]]:
+    """How many sessions, how long ago the last, when the next is due; each drift that is shown; a
+    row for each session, words on that, a note for each.
+    """
+    last = past.points[-1]  # of a table whose day nobody stated that of the import is known
     done = "calibrated" if last.entry.dated else "imported"
-    return (
-        f"{name}{ORIGIN_WORDS[origin]}: {counted(len(points), 'session')}. Last {done} "
+    sentence = (
+        f"{title_of(past)}: {counted(len(past.points), 'session')}. Last {done} "
         f"{_when_words(last.entry.began, now)}: {last.path}."
     )
+    if isinstance(past, PostureHistory):
+        return sentence, [], posture_sessions_table(past), BELOW_POSTURES, _notes(past)
+    notes = [*rule_sentences(past), *_notes(past)]
+    sentence = f"{sentence} {due_words(past)}"
+    return sentence, drift_lines(past), sessions_table(past), BELOW_TABLE, notes
+
+
+def title_of(past: MachineHistory | PostureHistory) -> str:
+    """Name and serial number of a machine, its place and the origin of its sessions, as stated."""
+    return ", ".join(filter(None, [past.machine, past.place])) + ORIGIN_WORDS[past.origin]
 
 
 def _when_words(began: datetime, now: datetime) -> str:
@@ -158,38 +149,43 @@ def _when_words(began: datetime, now: datetime) -> str:
     return "today" if ago == 0 else f"{ago} day{'s' * (ago > 1)} ago"
 
 
-def posture_machine_sentence(machine: PostureHistory, now: datetime) -> str:
-    """How many sessions of postures, and how long ago the last."""
-    return _last_words(machine.machine, machine.origin, machine.points, now)
-
-
-def posture_machine_text(machine: PostureHistory, now: datetime) -> str:
-    """A row for each session of postures, and what changed before it."""
-    table, notes = posture_sessions_table(machine)
-    return paragraphs(posture_machine_sentence(machine, now), table, BELOW_POSTURES, notes)
-
-
-def posture_sessions_table(machine: PostureHistory) -> tuple[Table, list[str]]:
-    """A row for each session of postures, and a note below."""
-    table = new_table(
-        "", "began", "procedure", "postures", "off, mm", "then, mm", "", "°C", left_columns=3
+def posture_sessions_table(past: PostureHistory) -> Table:
+    """A row for each session of postures."""
+    return new_table(
+        *("", "began", "procedure", "postures", "off, mm", "then, mm", "", "°C"),
+        left_columns=3,
+        rows=(
+            (
+                f"{number}",
+                f"{entry.began:%Y-%m-%d}",
+                entry.procedure,
+                f"{entry.postures}",
+                "" if entry.now_mm is None else uncertain(entry.now_mm),
+                "" if entry.bound_mm is None else uncertain(entry.bound_mm),
+                entry.decision or "",
+                _celsius(entry),
+            )
+            for number, entry in enumerate((point.entry for point in past.points), start=1)
+        ),
     )
-    notes = []
-    for number, point in enumerate(machine.points, start=1):
-        entry = point.entry
-        table.add_row(
-            f"{number}",
-            f"{entry.began:%Y-%m-%d}",
-            entry.procedure,
-            f"{entry.postures}",
-            "" if entry.now_mm is None else uncertain(entry.now_mm),
-            "" if entry.bound_mm is None else uncertain(entry.bound_mm),
-            entry.decision or "",
-            "" if entry.temperature_c is None else f"{entry.temperature_c:.1f}",
-        )
-        remarks = [str(point.path), point.event, *(entry.effects or ())]
-        notes.append(hanging(f"{number}  {'; '.join(filter(None, remarks))}", "   "))
-    return table, notes
+
+
+def _celsius(entry: PastEntry) -> str:
+    return "" if entry.temperature_c is None else f"{entry.temperature_c:.1f}"
+
+
+def _notes(past: MachineHistory | PostureHistory) -> list[str]:
+    """A line for each session: its file, what was changed before it, effects, what changed."""
+    notes: list[str] = []
+    points: Sequence[Point[Entry] | Point[PostureEntry]] = past.points
+    for k, point in enumerate(points):
+        remarks = [str(point.path), point.event, *(point.entry.effects or ())]
+        joints = past.joints if isinstance(past, MachineHistory) else ()
+        pairs = zip(LEG_NAMES, joints, strict=False)
+        if changed := ", ".join(name for name, joint in pairs if joint.chart.changed[k]):
+            remarks.append(f"joint {changed} changed beyond uncertainty")
+        notes.append(hanging(f"{k + 1}  {'; '.join(filter(None, remarks))}", "   "))
+    return notes
 
 
 def due_words(machine: MachineHistory) -> str:
@@ -216,32 +212,26 @@ def drift_lines(machine: MachineHistory) -> list[str]:
     return lines
 
 
-def sessions_table(machine: MachineHistory) -> tuple[Table, list[str]]:
-    """A row for each session, and a note below."""
+def sessions_table(machine: MachineHistory) -> Table:
+    """A row for each session."""
     table = new_table(
         "", "began", *(f"{n}, mm" for n in LEG_NAMES), "±, mm", "tool, mm", "°C", left_columns=2
     )
-    notes = []
-    for number, point in enumerate(machine.points, start=1):
-        entry = point.entry
-        offsets, expanded = entry.offsets_mm or (), entry.expanded_mm or ()
-        changed = [bool(joint.chart.changed[number - 1]) for joint in machine.joints]
-        rules = [joint.chart.signals[number - 1] for joint in machine.joints]
-        marked = zip(offsets, rules, changed, strict=True)
+    for k, point in enumerate(machine.points):
+        entry, charts = point.entry, [joint.chart for joint in machine.joints]
+        marked = zip(entry.offsets_mm or (), charts, strict=True)
         table.add_row(
-            f"{number}",
+            f"{k + 1}",
             f"{entry.began:%Y-%m-%d}",
-            *(f"{signed(mm, 4)}{_sign(signals, new) or ' '}" for mm, signals, new in marked),
-            f"{max(expanded):.4f}",
+            *(
+                f"{signed(mm, 4)}{_sign(c.signals[k], bool(c.changed[k])) or ' '}"
+                for mm, c in marked
+            ),
+            f"{max(entry.expanded_mm or ()):.4f}",
             uncertain(entry.bound_before_mm),
-            "" if entry.temperature_c is None else f"{entry.temperature_c:.1f}",
+            _celsius(entry),
         )
-        remarks = [str(point.path), point.event, *(entry.effects or ())]
-        if any(changed):
-            joints = ", ".join(name for name, new in zip(LEG_NAMES, changed, strict=True) if new)
-            remarks.append(f"joint {joints} changed beyond uncertainty")
-        notes.append(hanging(f"{number}  {'; '.join(filter(None, remarks))}", "   "))
-    return table, [*rule_sentences(machine), *notes]
+    return table
 
 
 def _sign(signals: Sequence[int], new: bool) -> str:

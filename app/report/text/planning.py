@@ -6,7 +6,7 @@ import math
 
 from app.measuring.plan import Plan
 from app.planning.tripod import MeasurementPlan, before_measuring
-from app.report.text.correction import FORMATS_WORDS, FRAME_WORDS
+from app.report.text.correction import FRAME_WORDS, HOLDS_WORDS
 from app.report.text.tables import (
     map_table,
     new_table,
@@ -193,7 +193,7 @@ def plan_text(plan: MeasurementPlan) -> str:
     bound_after = (
         f"In {best.candidate.minutes:.1f} min this {hardly}lowers the bound (95 %) of the tool "
         f"error from {uncertain(planner.bound_mm)} to {uncertain(best.bound_mm)} mm r.m.s., "
-        f"{FRAME_WORDS[entered.frame]}, {FORMATS_WORDS[entered.holds]} entered (noise "
+        f"{FRAME_WORDS[entered.frame]}, {HOLDS_WORDS[entered.holds]} entered (noise "
         f"{plan.noise_words})."
     )
     return paragraphs(

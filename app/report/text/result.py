@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from app.evaluating.comparison import BothValues, Comparison, RemainingOffset, both_values
-from app.evaluating.solution import LineParameter, SessionSolution
+from app.evaluating.solution import SessionSolution
 from app.report.text.caveats import (
     UNKNOWN_HOME_OFFSET,
     caveats,
@@ -21,16 +21,10 @@ from app.report.text.caveats import (
 from app.report.text.correction import (
     FRAME_WORDS,
     SUBSET_WORDS,
-    UNSEEN,
     before_or_now,
-    bound_table,
     correction_table,
-    doubt_lines,
-    gains_table,
-    left_out_lines,
-    warning_lines,
+    value_parts,
 )
-from app.report.text.printer import change_parts
 from app.report.text.tables import (
     PAGE_HELP,
     beside,
@@ -78,35 +72,13 @@ def solution_text(result: SessionSolution) -> str:
 
 def entered_parts(result: SessionSolution) -> list[str | Table]:
     """The correction: values, the bound with them, what other exports would keep, cautions."""
-    correction, change = result.correction, result.printer_change
-    now, then = correction.off_now, result.entered.off
-    where = "firmware" if change else "controller"
+    where = "firmware" if result.printer_change else "controller"
     head = (
         f"{', '.join(result.names)}: values to enter in the {where}, "
-        f"{FRAME_WORDS[correction.frame]}, {result.reading_count} {taken_word(result)}s"
+        f"{FRAME_WORDS[result.frame]}, {result.reading_count} {taken_word(result)}s"
     )
-    bound, lines = bound_table(correction.frame, now, then), line_parts(result)
-    if change:
-        doubts = "\n".join(doubt_lines(result))
-        values = change_parts(result, change)
-        return [head, doubts, *values, bound, *lines, "\n".join(caveats(result))]
-    return [
-        head,
-        "\n".join(warning_lines(result, correction)),
-        correction_table(correction),
-        bound,
-        "" if result.reads_tool else UNSEEN,
-        gains_table(result),
-        *lines,
-        "\n".join([*left_out_lines(correction.left_out), *caveats(result)]),
-    ]
-
-
-def line_parts(result: SessionSolution) -> list[str | Table]:
-    """Lines of the drives within their tolerances; nothing where the machine file has none."""
-    if not result.lines:
-        return []
-    return [result_table(DataTable.of(LineParameter, result.lines))]
+    parts = value_parts(result, correction_table(result.correction))
+    return [head, *parts, "\n".join(caveats(result))]
 
 
 def view_parts(result: SessionSolution) -> list[str | Table]:
@@ -285,14 +257,10 @@ def bound_sentence(
 ) -> str:
     """What the tool keeps with the values to enter, and without; they may be ``entered`` since."""
     now, then = (beside(mm, tolerance_mm) for mm in (correction.now_mm, correction.bound_mm))
-    if entered:
-        return (
-            f"Predicted with the values entered: the tool is off by at most {then} mm r.m.s. over "
-            f"the workspace (95 %), {FRAME_WORDS[frame]}; before by at most {now} mm."
-        )
+    begin = "Predicted with the" if entered else "With these"
     return (
-        f"With these values entered the tool is off by at most {then} mm r.m.s. over the "
-        f"workspace (95 %), {FRAME_WORDS[frame]}; now by at most {now} mm."
+        f"{begin} values entered{':' * entered} the tool is off by at most {then} mm r.m.s. over "
+        f"the workspace (95 %), {FRAME_WORDS[frame]}; {before_or_now(entered)} by at most {now} mm."
     )
 
 
@@ -451,13 +419,19 @@ NOT_SHOWN = (
 def verification_text(verification: Verification) -> str:
     """The decision first, then what was expected and found, then what to do."""
     earlier, later = verification.compared.before, verification.compared.after
-    return paragraphs(
-        [f"before: {earlier.names[0]}", f"after:  {later.names[0]}"],
-        f"{decided(verification)} At most {uncertain(earlier.entered.bound_mm)} mm was expected.",
+    head = [f"before: {earlier.names[0]}", f"after:  {later.names[0]}"]
+    return paragraphs(head, *verification_parts(verification))
+
+
+def verification_parts(verification: Verification) -> list[str | Table]:
+    """The decision, what was expected and found, what to do, what to know of the sessions."""
+    expected_mm = verification.compared.before.entered.bound_mm
+    return [
+        f"{decided(verification)} At most {uncertain(expected_mm)} mm was expected.",
         offsets_table(verification),
         "\n".join(what_to_do(verification)),
         *(f"Remark: {remark}" for remark in verification.compared.remarks),
-    )
+    ]
 
 
 def offsets_table(verification: Verification) -> Table:

@@ -23,12 +23,7 @@ from drivers.profile import Fault
 from protocols.expectation import Movement
 from protocols.machine import Instrument, Machine
 from protocols.motion import commanded_mm, joints_mm
-from protocols.procedure import (
-    Step,
-    leg_number,
-    position_words,
-    posture_name,
-)
+from protocols.procedure import Step, leg_number, position_words, posture_name
 from protocols.session import Session
 
 MEASURE_HELP = """\

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from io import StringIO
 from textwrap import fill
 from typing import TYPE_CHECKING
@@ -40,20 +40,20 @@ def expanded(value: float, standard_uncertainty: float) -> str:
     return f"{signed(value, places)} ± {half:.{places}f}"
 
 
-def new_table(*headings: str, left_columns: int = 1) -> Table:
+def new_table(*headings: str, left_columns: int = 1, rows: Iterable[Iterable[str]] = ()) -> Table:
     """A table; the first ``left_columns`` columns are text, the others numbers."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for number, heading in enumerate(headings):
         table.add_column(heading, justify="left" if number < left_columns else "right")
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
 def result_table(result: DataTable) -> Table:
     """The columns that are for a reader; texts before the first number are on the left."""
-    table = new_table(*result.headings, left_columns=max(result.text_columns, 1))
-    for row in result.reader_rows():
-        table.add_row(*row)
-    return table
+    left_columns = max(result.text_columns, 1)
+    return new_table(*result.headings, left_columns=left_columns, rows=result.reader_rows())
 
 
 def table_text(table: Table) -> str:
@@ -136,6 +136,14 @@ PAGE_HELP = """\
 {page.back}, {app.quit}  back, quit
 Up and down, Page up and Page down scroll a text."""
 """What keys do on every screen of pages; ids of bindings in braces."""
+
+SIZE_KEYS = """\
+{what_if.smaller}, {what_if.larger}  the size smaller, larger, by a step no larger than its ±
+{what_if.much_smaller}, {what_if.much_larger}  ten times as far
+{what_if.size_before}, {what_if.next_size}  another size, where there are several (> is moved)
+{what_if.nothing}  nothing: the model without it
+{what_if.best}  the size that fits best"""
+"""What keys do where a size is moved."""
 
 KEY_ID = re.compile(r"\{([a-z_-]+\.[a-z0-9_-]+)\}")
 """A key in a text for people, by the id of its binding."""

@@ -20,7 +20,7 @@ from app.evaluating.history import Entry, MachineHistory, read_history
 from app.evaluating.solution import judge, solve_files, solve_sessions
 from app.machines.registry import LOOKS
 from app.measuring.simulated import simulated_session
-from app.report.charts.results import control_charts
+from app.report.charts.history import control_charts
 from app.report.text.history import history_text
 from calib.clusters import on_part
 from calib.errors import NotIdentifiable

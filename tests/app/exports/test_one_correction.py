@@ -182,7 +182,7 @@ def test_what_a_format_cannot_hold_is_in_its_bound_and_named(play: Path, tmp_pat
         for alternative in offsets["others"]
         if alternative["holds"] == "tables"
     )
-    assert f"with tables of the joints (linuxcnc) at most {by_tables:.4f} mm" in gain
+    assert f"a table of each joint (linuxcnc) at most {by_tables:.4f} mm" in gain
     run = glidecal("export", play, "--format", "linuxcnc", "-o", tmp_path / "l")
     assert run.status == 0
     message = " ".join(run.err.split())

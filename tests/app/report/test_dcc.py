@@ -18,7 +18,7 @@ import pytest
 from app.evaluating.solution import solve_files
 from app.report.certificate import calibration_of, read_head
 from app.report.dcc.document import UNITS, certificate_xml
-from app.report.dcc.legs import contents_of
+from app.report.dcc.legs import results_of
 from app.report.pages.contents import report_from
 from app.report.pages.report import html_of
 from protocols.journal import write_whole
@@ -63,7 +63,7 @@ def written(order: Path, session: Path, after: Path | None = None) -> str:
     """The certificate of a session with a tolerance."""
     head = read_head(order)
     calibration = calibration_of([session], later_path=after, head=head, tolerance_mm=0.1)
-    return certificate_xml(contents_of(calibration))
+    return certificate_xml(calibration, results_of(calibration))
 
 
 def later_session(folder: Path) -> Path:
@@ -121,7 +121,7 @@ def test_every_decision_is_against_the_tolerance_beside_it(
     before = with_tolerance(SIMULATED, tmp_path / "before.jsonl", earlier_mm)
     after = with_tolerance(later_session(tmp_path), tmp_path / "later.jsonl", later_mm)
     calibration = calibration_of([before], later_path=after, head=read_head(order))
-    root = ElementTree.fromstring(certificate_xml(contents_of(calibration)))
+    root = ElementTree.fromstring(certificate_xml(calibration, results_of(calibration)))
     tolerances = root.findall(".//dcc:measurementMetaData//si:value", NAMES)
     assert [float(value.text or "nan") for value in tolerances] == [judged_mm] * 3
     decided = root.findall(".//dcc:metaData/dcc:declaration/dcc:content", NAMES)
@@ -242,7 +242,7 @@ def test_another_library_reads_the_numbers_of_the_report(dcc: ModuleType, order:
     head = "Calibration of a parallel kinematic machine"
     real = read_by_others(dcc, written(order, SIMULATED).encode())
     result = solve_files([SIMULATED])
-    half_widths_mm = result.corrections.half_widths_mm()
+    half_widths_mm = result.corrections.uncertainties_mm()[1]
     for leg, value_mm, half_mm in zip("xyz", result.joint_offsets_mm, half_widths_mm, strict=True):
         offset = real[f"{head} Values to enter d_rho_{leg}"]
         assert number(offset, "value") == value_mm
@@ -273,7 +273,7 @@ def test_the_limits_of_the_paper_are_in_the_xml(order: Path) -> None:
     """Before: the XML had no warning, and said less of traceability than the page."""
     path, head = SAMPLES / "experiment_2_twelve.jsonl", read_head(order)
     calibration = calibration_of([path], head=head)
-    stated = statements(certificate_xml(contents_of(calibration)))
+    stated = statements(certificate_xml(calibration, results_of(calibration)))
     limits = [" ".join(text.split()) for text in (*calibration.warnings, *calibration.limits)]
     assert any(text.startswith("WARNING: the residual is") for text in limits)
     assert [text for name, text in stated if name == "Limit of this result"] == limits
@@ -288,7 +288,9 @@ def test_what_a_model_adds_is_on_the_page_and_in_the_xml(order: Path, tmp_path: 
     model.write_text(f'{{"schema": "glidecal.model/1", "effects": [{play}]}}', encoding="utf-8")
     calibration = calibration_of([SIMULATED], model=model, head=head)
     words = "All figures are with what the model file adds: backlash (x)."
-    assert ("Limit of this result", words) in statements(certificate_xml(contents_of(calibration)))
+    assert ("Limit of this result", words) in statements(
+        certificate_xml(calibration, results_of(calibration))
+    )
     assert words in html_of(report_from(calibration))
 
 

@@ -68,7 +68,7 @@ def forms(kind: type[Play], joints: tuple[Play, ...], document: Report) -> dict[
             TypeAdapter(type(document)).json_schema(mode="serialization"), ensure_ascii=False
         ),
         "terminal": table_text(result_table(table)),
-        "page": html_of(HistoryPage("toys", [], [Section("Joints", [result_table(table)])], "")),
+        "page": html_of(HistoryPage("toys", [], [Section("Joints", [result_table(table)])])),
         "notebook": table._repr_html_(),
         "spreadsheet": csv,
     }

@@ -67,7 +67,7 @@ def test_the_report_says_what_is_to_be_entered(pair: tuple[Path, Path], tmp_path
     assert "FAIL, as it was measured" in text
     assert "NOT IDENTIFIABLE, left as the machine file has it: platform frame turned" in text
     assert "SIMULATED" in text
-    assert "No session after the calibrated machine was entered" in text
+    assert "No session after the values were entered" in text
     assert "error of the platform over the box, mm now calibrated" in text
     assert output.read_text("utf-8").count("data:image/svg+xml") == 2
 
@@ -99,8 +99,8 @@ def test_the_report_judges_by_the_tolerance_of_its_verification(
     opened = session.opened.model_copy(update={"machine": machine})
     write_whole(other := tmp_path / "other.jsonl", opened, [*session.readings], POSTURE_FORM)
     certified = certified_postures(before, other)
-    assert certified.later is not None
-    assert certified.tolerance_mm == certified.later.verification.tolerance_mm == 0.07
+    assert certified.verification is not None
+    assert certified.tolerance_mm == certified.verification.tolerance_mm == 0.07
     text = words(html_of(report_page(certified)))
     assert "PASS, measured again" in text
     assert "tolerance 0.07 mm" in text

@@ -313,7 +313,7 @@ def _report_with(words: str) -> CalibrationReport:
     order = CertificateOrder.model_construct(number=words, signed_by=words)
     head = CertificateHead(order, laboratory, None)
     pages = [section], [section, section], [section]
-    return CalibrationReport(words, words, [words], *pages, words, words, head)
+    return CalibrationReport(words, words, [words], *pages, words, head)
 
 
 PLAIN = [tag for tag, _ in Page(html_of(_report_with("plain"))).elements]

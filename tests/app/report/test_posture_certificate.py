@@ -49,7 +49,7 @@ def order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def written(order: Path, session: Path, after: Path | None = None) -> str:
     source = source_of_postures(session, after, None, read_head(order))
-    return certificate_xml(source.certificate())
+    return certificate_xml(source.certified, source.results())
 
 
 def stewart() -> HexaSlideMachine:
@@ -178,7 +178,7 @@ def test_without_the_certificate_of_an_instrument_nothing_is_traceable(
     order = laboratory(tmp_path, monkeypatch, order=ORDER + tracker)
     source = source_of_postures(before, head=read_head(order))
     words = "Traceability to the SI is not shown: not every instrument has a certificate."
-    xml = certificate_xml(source.certificate())
+    xml = certificate_xml(source.certified, source.results())
     assert words in html_of(source.page())
     assert words in xml
     assert "NOT IDENTIFIABLE, left as the machine file has it" in xml

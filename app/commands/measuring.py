@@ -105,7 +105,7 @@ def run(
     ] = None,
     macro: MacroName = None,
     printable_radius: PrintableRadius = None,
-    **own: Any,  # noqa: ANN401 (what the machines add)
+    **machine_options: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
     """The guided session on real indicators. With --simulated on a simulated machine."""
     from app.measuring.indicators import check_indicators, choose_indicators, simulated_indicators
@@ -118,7 +118,7 @@ def run(
 
     refuse_beside_continue(context)
     family = family_of(machine) if machine else family_of_files(None, [resume] if resume else [])
-    options = options_of(context, family, f"the machine {machine or family.name}", own)
+    options = options_of(context, family, f"the machine {machine or family.name}", machine_options)
     if family.sessions is not None:
         if wrong := typed(context, OF_INDICATORS["run"]):
             raise UsageError(wrong, f"the machine {family.name}", "machines read on their legs")

@@ -70,11 +70,11 @@ def identifiability(
     ] = None,
     machine_file: MachineFile = None,
     as_json: AsJson = False,
-    **own: Any,  # noqa: ANN401 (what the machines add)
+    **machine_options: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
     """Which parameters a procedure can and cannot see. And what would help."""
     family = family_of(machine)
-    options = options_of(context, family, f"the machine {machine}", own)
+    options = options_of(context, family, f"the machine {machine}", machine_options)
     its_file = machine_file_of(machine, NAMES, machine_file)
     answer = family.identifiability(Question(machine, procedure or "", its_file), options)
     if isinstance(answer, ScreenAnswer):
@@ -115,13 +115,13 @@ def postures(
     ] = None,
     force: Force = False,
     as_json: AsJson = False,
-    **own: Any,  # noqa: ANN401 (as above)
+    **machine_options: Any,  # noqa: ANN401 (as above)
 ) -> None:
     """Optimum postures, beside those of the procedure."""
     from calib.design.criteria import Criterion
 
     family = family_of(machine)
-    options = options_of(context, family, f"the machine {machine}", own)
+    options = options_of(context, family, f"the machine {machine}", machine_options)
     search = PostureSearch(
         count, Criterion(criterion or family.criterion), seed, starts, output, force
     )
@@ -138,14 +138,14 @@ def plan(
     ] = None,
     machine: Machine = None,
     as_json: AsJson = False,
-    **own: Any,  # noqa: ANN401 (as above)
+    **machine_options: Any,  # noqa: ANN401 (as above)
 ) -> None:
     """What to measure next. The set-up that lowers the bound most per minute.
 
     With --macro the places of a plate, as G-code for the probe of a printer.
     """
     family, propose = family_with("plan", machine)
-    options = options_of(context, family, f"the machine {machine}", own)
+    options = options_of(context, family, f"the machine {machine}", machine_options)
     answer = propose(machine, [*(sessions or ()), *(session or ())], options, say)
     typer.echo(answer.shown(as_json=as_json))
 

@@ -63,12 +63,16 @@ def solve(
         str | None, option(f"{', '.join(NAMES_OF_FILES)}; default: by the file.")
     ] = None,
     as_json: AsJson = False,
-    **own: Any,  # noqa: ANN401 (what the machines add)
+    **machine_options: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
     """Values to enter, their uncertainty, the tool error. Then parameters and residuals."""
     family = family_of_files(machine, sessions)
     options = options_of(
-        context, family, family.measured, own, lambda family_beside: family_beside.measured
+        context,
+        family,
+        family.measured,
+        machine_options,
+        lambda family_beside: family_beside.measured,
     )
     typer.echo(family.solve(sessions, options, say).shown(as_json=as_json))
 

@@ -59,12 +59,12 @@ def simulate(
     machine: Annotated[str | None, machine_option(LISTED)] = None,
     seed: Seed = 1,
     force: Force = False,
-    **own: Any,  # noqa: ANN401 (what the machines add)
+    **machine_options: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
     """A session of a simulated machine. The nominal one, or that of a model file."""
     name = machine or USUAL_MACHINE
     family = family_of(name)
-    options = options_of(context, family, f"the machine {name}", own)
+    options = options_of(context, family, f"the machine {name}", machine_options)
     family.simulate(Simulation(output, machine, seed, force), options, say)
 
 
@@ -109,7 +109,7 @@ def import_table(
     ] = False,
     protocol: Protocol = None,
     force: Force = False,
-    **own: Any,  # noqa: ANN401 (what the machines add)
+    **machine_options: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
     """A session from a table or a printer's files.
 
@@ -118,7 +118,7 @@ def import_table(
     """
     name = machine or USUAL_MACHINE
     family = family_of(name)
-    options = options_of(context, family, f"the machine {name}", own)
+    options = options_of(context, family, f"the machine {name}", machine_options)
     there([] if template else source)
     if family.sessions is not None:
         _check_postures(context, name, source)

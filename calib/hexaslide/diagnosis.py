@@ -472,11 +472,11 @@ def _selection(about: About, causes: tuple[HexaSlideCause, ...], free: int) -> M
 
 def _claims(weights: Mapping[Names, float]) -> Iterator[HexaSlideClaim]:
     """The heaviest first, until little is left out."""
-    missed = 1.0
+    remainder = 1.0
     for names, weight in weights.items():
         yield HexaSlideClaim(names, weight)
-        missed -= weight
-        if missed <= OPEN:
+        remainder -= weight
+        if remainder <= OPEN:
             break
 
 

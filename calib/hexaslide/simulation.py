@@ -178,9 +178,9 @@ def link_postures(
     apart = ends - link.base_end
     side = np.sign(box.centre[2] + link.platform_end[2] - link.base_end[2])
     square = (link.length_m + play_m) ** 2 - (apart[:, :2] ** 2).sum(axis=1)
-    held = postures.copy()
-    held[:, 2] += side * np.sqrt(np.where(square > 0.0, square, np.nan)) - apart[:, 2]
-    return np.asarray(held)
+    on_link = postures.copy()
+    on_link[:, 2] += side * np.sqrt(np.where(square > 0.0, square, np.nan)) - apart[:, 2]
+    return np.asarray(on_link)
 
 
 def between(box: Box, postures: FloatArray) -> NDArray[np.bool_]:
@@ -194,8 +194,12 @@ def on_link(
     """`link_postures`. Raises CalibrationError naming the first that the link cannot hold inside
     the box, and the lengths with which it could.
     """
-    held, box, link = link_postures(machine, postures, play_m), machine.box, present(machine.link)
-    outside = np.flatnonzero(~between(box, held))
+    on_link, box, link = (
+        link_postures(machine, postures, play_m),
+        machine.box,
+        present(machine.link),
+    )
+    outside = np.flatnonzero(~between(box, on_link))
     if len(outside):
         ends = np.tile(postures[outside[0]], (2, 1))
         ends[:, 2] = box.lower[2], box.upper[2]
@@ -206,7 +210,7 @@ def on_link(
             f"{least:.1f} to {greatest:.1f} mm there, between the lower and the upper end of "
             "the box",
         )
-    return held
+    return on_link
 
 
 def random_on_link(
@@ -218,8 +222,8 @@ def random_on_link(
 
     def draw() -> FloatArray:
         play = play_m * generator.standard_normal(count)
-        held = link_postures(machine, machine.box.random(count, generator), play)
-        return np.asarray(held[between(machine.box, held)])
+        on_link = link_postures(machine, machine.box.random(count, generator), play)
+        return np.asarray(on_link[between(machine.box, on_link)])
 
     postures = first_of_draws(draw, count)
     if len(postures) < count:

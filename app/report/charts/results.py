@@ -86,15 +86,16 @@ def _published(solution: Solution) -> tuple[list[int], list[str]]:
 
 
 def _differences(
-    names: Sequence[str], *shown: tuple[str, FloatArray] | tuple[str, FloatArray, FloatArray]
+    names: Sequence[str],
+    *named_columns: tuple[str, FloatArray] | tuple[str, FloatArray, FloatArray],
 ) -> Chart:
     """Two or three series over the same names, beside each other so that none hides another.
 
     Each with its values and their standard uncertainties, none where nobody shows them.
     """
     series = []
-    for k, (name, *columns) in enumerate(shown):
-        aside = (2 * k + 1 - len(shown)) * ASIDE
+    for k, (name, *columns) in enumerate(named_columns):
+        aside = (2 * k + 1 - len(named_columns)) * ASIDE
         x = tuple(place + aside for place in range(1, len(names) + 1))
         series.append(Series(name, x, *(tuple(column.tolist()) for column in columns)))
     labels = tuple(map(difference_words, names))

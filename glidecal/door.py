@@ -48,7 +48,7 @@ File = str | Path
 def load(path: File, machine: File | None = None) -> Session:
     """A session from its record, or from a table of readings (.csv, .xlsx, .parquet).
 
-    A table is of the named ``machine``, or of that of a machine file; None: the usual one.
+    ``machine`` is that of a table, by its name or as a machine file; None: orthoglide.
     """
     from app.evaluating.loading import load_sessions
     from app.version import program
@@ -79,7 +79,7 @@ def solve(
 
     `SessionSolution.correction` is for a ``frame``, that of the machine file where none is named;
     ``subset`` and ``method`` choose the view. With a ``model`` the sizes of its effects are fitted,
-    too. `SessionSolution.solution` holds ``values_mm`` ``(k,)`` and ``covariance_mm2`` ``(k, k)``
+    too. `SessionSolution.solution` has ``values_mm`` ``(k,)`` and ``covariance_mm2`` ``(k, k)``
     by ``names``; it raises NotIdentifiable where the readings determine no set.
     """
     from app.evaluating.solution import solve_sessions
@@ -95,7 +95,10 @@ def diagnose(
     model: File | None = None,
     held_out: Sequence[File | Session] = (),
 ) -> SessionDiagnosis:
-    """What is missing in the model, and where it shows; ``held_out`` are for the gap alone."""
+    """What is missing in the model, and where it shows.
+
+    ``held_out`` sessions only give the gap that the named effects leave there.
+    """
     from app.evaluating.diagnosis import diagnose_sessions
 
     loaded = _given(sessions)
@@ -183,7 +186,7 @@ def plan(
 
 
 def figures(*sessions: File | Session, model: File | None = None) -> SessionFigures:
-    """A picture for each leg and axis: readings, the fit, and enlarged what is left.
+    """A picture for each leg and axis: readings, the fit, and the residuals, enlarged.
 
     A notebook shows it (with matplotlib), ``print`` gives characters, and `SessionFigures.draw`
     draws one on axes.
@@ -204,7 +207,7 @@ def report(
 ) -> Path:
     """Write the calibration report of session files, .html or .pdf; it names their digests.
 
-    With the file of a ``certificate`` it is one; .xml is a digital one.
+    With the file of a ``certificate`` it is a certificate; .xml is a digital one.
     """
     from app.evaluating.tolerance import check_tolerance
     from app.report.certificate import read_head

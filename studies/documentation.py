@@ -1,7 +1,7 @@
 """Hooks of mkdocs: pages whose text is kept elsewhere, formulas as MathML, words of the search.
 
 README.md is the first page; CONTRIBUTING.md, CHANGELOG.md and the notebook of the papers are pages
-too. Formulas stand in the Markdown between dollar signs, as hosts of repositories show them;
+too. Formulas are in the Markdown between dollar signs, as hosts of repositories show them;
 browsers show MathML without a script, on paper too.
 """
 
@@ -35,8 +35,14 @@ FORMULA = re.compile(
 FETCHED = re.compile(r'<(?:script|img|link|iframe)\b[^>]+(?:src|href)="(?:https?:)?//[^"]+"')
 """What a browser would fetch from the network."""
 
+BAR = re.compile(r"`[^`\n]*`")
+"""Code within a line; in a table its bars have backslashes, which hosts of repositories remove."""
+
+HOME = re.compile(r'href="(\.\.?)(?:/\.)?"')
+"""The theme's way to the first page: a folder, which only a server opens as a page."""
+
 PLACE = "FORMULA{}X"
-"""Stands for a formula while Markdown, which would read its underscores, becomes HTML."""
+"""In the place of a formula while Markdown, which would read its underscores, becomes HTML."""
 
 
 def page_of(name: str) -> str:
@@ -70,9 +76,19 @@ def without_formulas(markdown: str) -> tuple[str, list[str]]:
     return FORMULA.sub(place, markdown), formulas
 
 
+def as_typed(markdown: str) -> str:
+    """Markdown with the bars of its code as a reader types them."""
+    return BAR.sub(lambda code: code[0].replace(r"\|", "|"), markdown)
+
+
+def with_way_home(html: str) -> str:
+    """A page whose links to the first page name its file."""
+    return HOME.sub(r'href="\1/index.html"', html)
+
+
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """The page with places for its formulas."""
-    markdown, page.meta["formulas"] = without_formulas(markdown)
+    """The page with places for its formulas, and code as it is typed."""
+    markdown, page.meta["formulas"] = without_formulas(as_typed(markdown))
     return markdown
 
 
@@ -84,10 +100,15 @@ def on_page_content(html: str, page: Page, **_: object) -> str:
 
 
 def on_post_page(output: str, page: Page, **_: object) -> str:
-    """The page as it is, if laboratories without a network see all of it. Raises PluginError."""
+    """The page, its way home a file. Raises PluginError where a part would need a network."""
     if match := FETCHED.search(output):
         raise PluginError(f"{page.file.src_uri}: {match[0]} needs a network; keep it in docs/")
-    return output
+    return with_way_home(output)
+
+
+def on_post_template(output_content: str, **_: object) -> str:
+    """The page of the search, its way home a file, too."""
+    return with_way_home(output_content)
 
 
 def on_post_build(config: MkDocsConfig) -> None:

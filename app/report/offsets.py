@@ -40,7 +40,7 @@ MINUTE = "%Y-%m-%d %H:%M %z"
 DIGITS = 16
 """Of a digest: enough to tell any two sessions apart; glidecal validate shows all."""
 
-NOT_KNOWN = "NOTE: the values are of a model file: it does not hold how well they are known."
+NOT_KNOWN = "NOTE: the values are of a model file: it does not contain how well they are known."
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ apart than the rows.
 class RefinedPostures:
     """Coordinates ``(p, d)`` with the value before and after; never worse than before.
 
-    ``on_bound`` counts the coordinates that stand on a bound of the box.
+    ``on_bound`` counts the coordinates that are on a bound of the box.
     """
 
     coordinates: FloatArray
@@ -126,7 +126,7 @@ def _descended(
 
 
 def count_on_bound(coordinates: FloatArray, lower: FloatArray, upper: FloatArray) -> int:
-    """How many of the coordinates ``(p, d)`` stand on a bound of the box."""
+    """How many of the coordinates ``(p, d)`` are on a bound of the box."""
     share = (coordinates - lower) / (upper - lower)
     return int(((share < ON_BOUND) | (share > 1.0 - ON_BOUND)).sum())
 

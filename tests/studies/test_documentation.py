@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from studies.documentation import PAGES, page_of, without_formulas
+from studies.documentation import PAGES, as_typed, page_of, with_way_home, without_formulas
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -33,6 +33,19 @@ def test_every_formula_of_the_theory_is_typeset() -> None:
 def test_code_has_no_formulas() -> None:
     text = "`$3` and `$100`\n\n```\necho $HOME $PATH\n```\n"
     assert without_formulas(text) == (text, [])
+
+
+def test_bars_of_code_in_a_table_are_those_that_a_reader_types() -> None:
+    """Before: the site showed their backslashes."""
+    assert as_typed(r"| `run --frame a\|b` | a \| b |") == r"| `run --frame a|b` | a \| b |"
+
+
+def test_the_way_home_is_a_file() -> None:
+    """Before: a browser that opened the site from a folder listed that folder."""
+    assert with_way_home('<a href=".">') == '<a href="./index.html">'
+    assert with_way_home('<a href="./.">') == '<a href="./index.html">'
+    assert with_way_home('<a href="..">') == '<a href="../index.html">'
+    assert with_way_home('<a href="./x.html">') == '<a href="./x.html">'
 
 
 @pytest.mark.parametrize("name", PAGES)

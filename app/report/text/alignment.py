@@ -18,7 +18,7 @@ AS_THE_FILE = (
     "the order x y z x, lies further along what is across both."
 )
 UNSEEN = (
-    "Leg readings do not tell which axis of a pair leans or lies aside, only how both lie to each "
+    "Leg readings do not show which axis of a pair leans or lies aside, only how both lie to each "
     "other: rail {} is the reference and stays (--reference)."
 )
 SOMETHING_ELSE = (
@@ -181,4 +181,4 @@ def moved_text(change: Changed) -> str:
 
 def adjusted_words(name: str | None) -> str:
     """What belongs into the machine file after a change."""
-    return f'Put adjusted = "{name}" into the machine file: earlier offsets do not hold any more.'
+    return f'Put adjusted = "{name}" into the machine file: earlier offsets are no longer valid.'

@@ -55,10 +55,10 @@ def postures_text(best: BestPostures) -> str:
 
 def _search(best: BestPostures) -> str:
     size = best.coordinates.size
-    where = "stand on a bound of the box"
+    where = "are on a bound of the box"
     kind = "coordinates"
     if best.space == "joints":
-        where, kind = "stand at an end of their travel; the box was left out", "sliders"
+        where, kind = "are at an end of their travel; the box was left out", "sliders"
     share = f"{100.0 * best.refined.on_bound / size:.0f} % of the {kind} {where}"
     if not best.values:
         return f"{share}. From {best.search.source}."

@@ -216,7 +216,7 @@ def caveats(document: HexaSlideCalibrationReport) -> list[str]:
         )
     elif document.noise.length_mm is None:
         lines.append(
-            "WARNING: no noise is stated and nothing is left over to tell it: no uncertainties. "
+            "WARNING: no noise is stated and nothing is left over to show it: no uncertainties. "
             "Measure more postures, or state the noise."
         )
     platform = document.platform

@@ -36,9 +36,9 @@ TITLES = {
 VERDICTS = {
     "agrees": "The readings agree with the calibrated machine; nothing is missing.",
     "explained": "Something is missing, and these names explain it: {}.",
-    "ambiguous": "The readings do not tell which of these it is.",
+    "ambiguous": "The readings do not show which of these it is.",
     "unexplained": "More is left than noise, and no cause that is known explains it.",
-    "cannot-tell": "Too few readings are over to tell what is missing: {} beyond the parameters. "
+    "cannot-tell": "Too few readings are left to show what is missing: {} beyond the parameters. "
     "Measure more different postures.",
 }
 MOST_CLAIMS = 8

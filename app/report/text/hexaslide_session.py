@@ -72,9 +72,10 @@ def plan_text(planned: PostureCommands) -> str:
         )
         for number, posture in enumerate(planned.procedure.postures, start=1)
     ]
+    attach = planned.procedure.attach.rstrip(".")
     return paragraphs(
         f"{planned.procedure.name}: {len(planned.procedure.postures)} postures, mm and degrees. "
-        f"{planned.procedure.attach} {FIRST_APPROACH}",
+        f"{f'Attach {attach}. ' if attach else ''}{FIRST_APPROACH}",
         _stacked(["posture"], [*COMPONENTS, *SLIDERS], rows),
     )
 

@@ -168,7 +168,7 @@ def postures_text(optimum: ChosenPostures) -> str:
         figures,
         table,
         moved,
-        f"{optimum.coordinates_on_bound} coordinates stand on a bound of the search. Best of "
+        f"{optimum.coordinates_on_bound} coordinates are on a bound of the search. Best of "
         f"{optimum.starts} starts, seed {optimum.seed}, {optimum.exchanges} exchanges, "
         f"{optimum.seconds:.2f} s.",
     )

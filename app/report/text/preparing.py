@@ -121,7 +121,7 @@ def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[I
     table = new_table(*headings, left_columns=len(headings))
     readers = instruments[: max(step.indicators.stop for step in steps)]
     names = [f"{k} {entry.profile} ({entry.port})" for k, entry in enumerate(readers, start=1)]
-    order = " Axes stand in this order." if len(names) > 1 else ""
+    order = " Axes are in this order." if len(names) > 1 else ""
     if procedure.plane is not None:
         order += " p: the stand is on the plane." + " 2: the second one reads." * (len(names) > 1)
     visits = visits_of(steps)

@@ -214,7 +214,7 @@ def test_words_of_what_is_lost_left_and_checked(tmp_path: Path) -> None:
 def test_what_was_said_without_noise_or_check(tmp_path: Path) -> None:
     path, _ = written(tmp_path, "constraint-link", 48, noise_mm=0.0)
     text = calibration_text(calibrate_file(path, None, 0.2)).replace("\n", " ")
-    assert "WARNING: no noise is stated and nothing is left over to tell it" in text
+    assert "WARNING: no noise is stated and nothing is left over to show it" in text
     assert "No posture was kept out of the fit as a check." in text
     assert "± U" in text
     assert "unknown" in text

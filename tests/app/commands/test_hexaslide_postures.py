@@ -86,7 +86,7 @@ def test_words_tell_before_after_spread_bounds_and_seed() -> None:
     assert f"({min(values):.4g} to {max(values):.4g}, median {sorted(values)[1]:.4g})" in text
     assert "seed 5" in text
     share = 100.0 * document.coordinates_on_bound / 54
-    assert f"{share:.0f} % of the coordinates stand on a bound of the box, at the start 0 %" in text
+    assert f"{share:.0f} % of the coordinates are on a bound of the box, at the start 0 %" in text
     assert all(words in text for words in PUBLISHED_WORDS.values())
     assert f"at the start {document.start_condition_number:.4g}" in text
     before, after = document.start_published_criteria, document.published_criteria

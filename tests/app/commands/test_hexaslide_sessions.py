@@ -443,6 +443,9 @@ def test_wrong_requests_are_told(pose: Path, tmp_path: Path) -> None:
     assert "found 1. Allowed: 16 or more" in refused(5, "solve", out)
     run = glidecal("run", "--machine", "hexaslide", "--protocol", "position", "--dry-run")
     assert (run.status, "24 postures" in run.out) == (0, True)
+    words = " ".join(run.out.split())
+    assert "degrees. Attach a tracker's target" in words
+    assert "set in the base frame. Come to the first posture" in words
     assert _digits(run.out)[:13] == [
         *("1", "300.000", "-701.418", "-1170.052", "-15.000", "15.000", "30.000"),
         *("450.3451", "302.7620", "678.5024", "603.2283", "383.8239", "384.8398"),

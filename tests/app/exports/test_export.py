@@ -368,7 +368,7 @@ def test_cautions_go_through_a_model_file(session: Path, tmp_path: Path) -> None
     assert glidecal("export", session, *arguments).status == 0
     assert glidecal("export", model, "--format", "linuxcnc", "-o", inc).status == 0
     text = comments(inc / "calib_joint1.inc")
-    assert "it does not hold how well they are known" in text
+    assert "it does not contain how well they are known" in text
     assert "WARNING: the residual is 11.1 times the noise" in text
     assert " is known to ±" not in text
     assert glidecal("export", model, "--format", "csv", "-o", tmp_path / "c").status == 0

@@ -73,12 +73,10 @@ CASES = [f"{prior:g}" for prior in CAUSES]
         f"$h$ = {CHANGES_MM[0]:g} or {CHANGES_MM[1]:g} mm",
         f"$\\alpha \\sim N(0, \\max({selection.ADOPTED:g}u, z)^2)$",
         f"Distances of towers correlate by {cells.ALIKE:g}.",
-        "Seven cases have the priors {:g}, all free; {:g}, directions and travel as stated; "
-        "{:g}, also a flat plate, and bars, to {:g} mm, but for what all have in common; "
-        "{:g}, that, too; {:g}, the same with a bowed plate (these three of towers alone); "
-        "{:g}, all but the bars; {:g}, also the bars.".format(
-            *STATED[:3], cells.STATED_MM, *STATED[3:]
-        ),
+        "Seven cases differ in what is free: all (prior {:g}); places, plate, bars ({:g}); "
+        "places, bars alike ({:g}); places ({:g}); places, plate ({:g}); bars ({:g}); "
+        "nothing ({:g}).".format(*STATED),
+        f"What is not free is as stated, bars to {cells.STATED_MM:g} mm;",
         f"these have {1.0 - TYPED_IN:g} of the prior.",
         f"each round the plate by {cells.ROUND_GUESSED:g} times that.",
         f"the best {selection.PAIRS} pairs at all scales, "

@@ -79,12 +79,11 @@ class Certified:
     """What report and certificate state of a machine, whichever kind it is.
 
     ``name`` and ``serial_number`` are those of the machine file. The last record is that of a later
-    session. ``gauge``
-    is the word for what measured, ``attached`` a sentence on what the operator attached. ``moved``,
-    the tool or the platform, has the tolerance; ``decisions`` are by what was judged, None where it
-    was not; all depends on the ``terms`` beside the records. ``warnings`` must be known before
-    values are entered, ``limits`` before numbers are used, the gravest first. Without ``head``
-    nobody certifies it.
+    session. ``gauge`` is the word for what measured, ``attached`` a sentence on what the operator
+    attached. ``moved``, the tool or the platform, has the tolerance; ``decisions`` are by what was
+    judged, None where it was not; all depends on the ``terms`` beside the records. ``warnings``
+    must be known before values are entered, ``limits`` before numbers are used, the gravest first.
+    Without ``head`` nobody certifies it.
     """
 
     head: CertificateHead | None

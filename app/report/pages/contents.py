@@ -93,7 +93,7 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
         *([_budget(result)] if has_view else []),
         *([_again(verified)] if verified else []),
         *([Section("What limits this result", limits)] if limits else []),
-        _missing(calibration.diagnosed),
+        _missing(calibration.diagnosed, entered=calibration.verification is not None),
         *([_fit(result), _legs(legs)] if has_view else []),
         _doubted(result, calibration.sessions),
         *map(_readings, calibration.sessions),
@@ -284,8 +284,11 @@ def _again(verification: Verification) -> Section:
     )
 
 
-def _missing(diagnosed: SessionDiagnosis) -> Section:
-    """The diagnosis, with pictures of what each candidate and what the names leave."""
+def _missing(diagnosed: SessionDiagnosis, *, entered: bool) -> Section:
+    """The diagnosis, with pictures of what each candidate and what the names leave.
+
+    Values may be ``entered`` since.
+    """
     diagnosis = diagnosed.diagnosis
     pictures = [
         Picture(
@@ -303,7 +306,8 @@ def _missing(diagnosed: SessionDiagnosis) -> Section:
         )
         gap_um = 1000.0 * diagnosis.gap_before.rms_mm
         pictures.insert(0, Picture(figures.evidence_svg(bars, gap_um), caption))
-    return Section("What is missing from the model", [*diagnosis_parts(diagnosed), *pictures])
+    parts = diagnosis_parts(diagnosed, entered=entered)
+    return Section("What is missing from the model", [*parts, *pictures])
 
 
 def _fit(result: SessionSolution) -> Section:

@@ -64,7 +64,9 @@ def first_page(
 ) -> list[Section]:
     """What was calibrated for whom, how and with what, and the result."""
     table = _object(certified, name, facts)
-    lines = [certified.traceability, shortened(certified.attached, LONGEST_OF_POSTURES)]
+    lines = [certified.traceability]
+    if certified.attached:
+        lines.append(shortened(certified.attached, LONGEST_OF_POSTURES))
     return [
         Section("", [table, SIMULATED if certified.simulated else ""]),
         Section("Traceability", [*_instruments(certified), *lines]),

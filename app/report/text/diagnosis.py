@@ -120,9 +120,12 @@ def diagnosis_text(diagnosed: SessionDiagnosis, adopted: AdoptedTool | None = No
 
 
 def diagnosis_parts(
-    diagnosed: SessionDiagnosis, adopted: AdoptedTool | None = None
+    diagnosed: SessionDiagnosis, adopted: AdoptedTool | None = None, *, entered: bool = False
 ) -> list[str | Table]:
-    """The verdict and all that supports it, but for what limits the readings."""
+    """The verdict and all that supports it, but for what limits the readings.
+
+    Values may be ``entered`` since.
+    """
     diagnosis = diagnosed.diagnosis
     return [
         headline(diagnosis),
@@ -131,7 +134,7 @@ def diagnosis_parts(
         effects_text(diagnosis.effects, tower_names(diagnosed.sessions[0].opened.machine)),
         "\n".join(_pattern(diagnosed)),
         *_support(diagnosed),
-        tool_text(diagnosed.tool),
+        tool_text(diagnosed.tool, entered=entered),
         adopted_text(adopted, diagnosed.tool) if adopted else "",
         GAP_LIES,
         shares_table(diagnosis.where),
@@ -188,13 +191,15 @@ def _support(diagnosed: SessionDiagnosis, key: str = "") -> list[str]:
     ]
 
 
-def tool_text(tool: DiagnosedTool) -> str:
-    """What the tool is off by at most, as it is and with values entered."""
+def tool_text(tool: DiagnosedTool, *, entered: bool = False) -> str:
+    """What the tool is off by at most, as it is, or was before values were ``entered``, and with
+    values entered.
+    """
     bounds_mm = _bounds_mm(tool)
     text = " ".join(f"With {way}: {uncertain(bounds_mm[way])} mm." for way in _ways(tool))
     return (
         f"Tool over the workspace, r.m.s. (95 %), {FRAME_WORDS[tool.frame]}: at most "
-        f"{uncertain(tool.now_mm)} mm now. {text}"
+        f"{uncertain(tool.now_mm)} mm {'before' if entered else 'now'}. {text}"
     )
 
 

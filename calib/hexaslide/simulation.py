@@ -194,11 +194,8 @@ def on_link(
     """`link_postures`. Raises CalibrationError naming the first that the link cannot hold inside
     the box, and the lengths with which it could.
     """
-    on_link, box, link = (
-        link_postures(machine, postures, play_m),
-        machine.box,
-        present(machine.link),
-    )
+    on_link = link_postures(machine, postures, play_m)
+    box, link = machine.box, present(machine.link)
     outside = np.flatnonzero(~between(box, on_link))
     if len(outside):
         ends = np.tile(postures[outside[0]], (2, 1))

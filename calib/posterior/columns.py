@@ -57,9 +57,9 @@ def rows_and_blocks(
 
     ``placed`` as `linear_about` has them.
     """
-    laws = list(dict.fromkeys(s.effect for component in components for s in component.shares))
+    laws = dict.fromkeys(s.effect for component in components for s in component.shares)
     placed = placed or [
-        placed_columns(model, cells.means, laws)
+        placed_columns(model, cells.means, list(laws))
         for model, cells in zip(models, sessions, strict=True)
     ]
     placed_laws = [

@@ -171,17 +171,14 @@ class UpdatedGroup:
     def means(self, readings: FloatArray) -> FloatArray:
         """Means at the tool ``(2q, M)`` where these are the readings ``(n,)``."""
         departure, along = self._departure(readings)
-        means = np.asarray(self.group.tool_mean + self.gain @ departure)
-        with_sizes, firsts = np.unique(self.group.columns.owner, return_index=True)
-        if len(with_sizes):
-            means[:, with_sizes] += np.add.reduceat(self.tool * along, firsts, axis=1)
-        return means
+        of_sizes = self.group.columns.sums(self.tool * along)
+        return np.asarray(self.group.tool_mean + self.gain @ departure + of_sizes)
 
     def squares(self, readings: FloatArray) -> FloatArray:
         """What each model leaves ``(h, M)`` of readings ``(n, h)``, in noise variances."""
         departure = np.tensordot(self.white, readings[:, :, None] - self.expected[:, None], axes=1)
         along = np.einsum("nr,nhr->hr", self.seen, departure[:, :, self.group.columns.owner])
-        inside = np.array([self.group.columns.sums(row) for row in along**2])
+        inside = self.group.columns.sums(along**2)
         return np.asarray(((departure**2).sum(axis=0) - inside) / self.group.inflated**2)
 
     def log_factor(self, true: UpdatedGroup, j: int) -> FloatArray:

@@ -58,13 +58,18 @@ class ModelColumns:
         self.models = len(counts)
         self.owner = np.repeat(np.arange(self.models), counts)
         width, firsts = np.array(counts, dtype=np.intp), np.cumsum([0, *counts])[:-1]
+        self._with_columns = np.flatnonzero(width)
+        self._firsts = firsts[self._with_columns]
         self.blocks = [
             firsts[width == r][:, None] + np.arange(r) for r in np.unique(width).tolist() if r
         ]
 
     def sums(self, values: FloatArray) -> FloatArray:
-        """Sums of columns ``(R,)`` for each model ``(M,)``."""
-        return np.asarray(np.bincount(self.owner, values, self.models))
+        """Sums of columns ``(..., R)`` for each model ``(..., M)``."""
+        sums = np.zeros((*values.shape[:-1], self.models))
+        if len(self._firsts):
+            sums[..., self._with_columns] = np.add.reduceat(values, self._firsts, axis=-1)
+        return sums
 
 
 @dataclass(frozen=True, eq=False)

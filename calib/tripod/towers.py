@@ -37,6 +37,9 @@ LEAST_MM = 1e-4
 STEP = 1e-8
 """Relative size of the last step of the fit: its steps shrink quadratically."""
 
+SLOPE_STEP = 1e-4
+"""Of a derivative's differences, both ways, in mm, radians and shares: its square is nothing."""
+
 
 RESTRAINT = 0.02
 """What a millimetre in an entry costs at the tool that is no part of the model: entries may follow
@@ -212,7 +215,8 @@ def entered(model: Model, entries: TowerEntries) -> EnteredTowers:
 
     geometry = model.geometry
     now = Towers.of(geometry, one_circle=not entries.radii)
-    points, zero = workspace_points(geometry), np.zeros((1, 3))
+    points = workspace_points(geometry)
+    places = np.concatenate([points, np.zeros((1, 3))])
     travels = entries.travels and any(
         effect.stage == Stage.ACTUATOR and getattr(effect, "id", "") != Backlash.id
         for effect in model.effects
@@ -237,8 +241,11 @@ def entered(model: Model, entries: TowerEntries) -> EnteredTowers:
         above_zero = towers.carriages_mm(tool_mm) - change - now.span_mm
         return np.asarray(geometry.zero_mm + above_zero / (1.0 + stretch))
 
-    def at_zero_mm(values: FloatArray, way: float) -> FloatArray:
-        return np.asarray(machine_at(model, believed_mm(values, zero), way).tool_mm[0])
+    def off_mm(candidates: FloatArray, way: float) -> FloatArray:
+        """Of the tool at all points and at Zero, ``(n_candidates, n_points + 1, 3)``."""
+        believed = np.concatenate([believed_mm(values, places) for values in candidates])
+        tool_mm = machine_at(model, believed, way).tool_mm
+        return np.asarray(tool_mm.reshape(len(candidates), len(places), 3) - places)
 
     zeros, own_values = np.zeros(ends[-1]), _of_model(model, now, entries, travels=travels)
     sizes = (1.0, now.radius_mm.mean(), np.abs(points[:, 2]).max())
@@ -246,24 +253,34 @@ def entered(model: Model, entries: TowerEntries) -> EnteredTowers:
     across *= RESTRAINT * entries.lengths  # one length, or one radius, follows what it must
     free_shift = slice(0, 3) if entries.radii and entries.angles else slice(2, 3)
     ways = (1.0, -1.0) if model.effects else (1.0,)
-    standing = {way: at_zero_mm(zeros, way) for way in ways}
+    standing = {way: off_mm(zeros[None], way)[0, -1] for way in ways}
 
-    def off_mm(values: FloatArray) -> FloatArray:
-        apart = across * (values - own_values)[3:]
-        rows = [math.sqrt(len(ways) * len(points)) * apart]
+    def rows(candidates: FloatArray) -> FloatArray:
+        """What is to be small ``(n_candidates, n_rows)``: all in one simulation for each way."""
+        apart = across * (candidates - own_values)[:, 3:]
+        parts = [math.sqrt(len(ways) * len(points)) * apart]
         for way in ways:
-            off = machine_at(model, believed_mm(values, points), way).tool_mm - points
+            off = off_mm(candidates, way)
+            at_zero, off = off[:, -1], off[:, :-1]
             if geometry.set_at_zero:
-                at_zero = at_zero_mm(values, way)
                 # as heavy as all places together squared: it is no part of the bargain
-                rows.append(len(points) * (at_zero - standing[way])[free_shift])
-                off = off - at_zero
-            rows.append(off.ravel())
-        return np.concatenate(rows)
+                parts.append(len(points) * (at_zero - standing[way])[:, free_shift])
+                off = off - at_zero[:, None]
+            parts.append(off.reshape(len(candidates), -1))
+        return np.concatenate(parts, axis=1)
 
-    solution = least_squares(off_mm, own_values, xtol=STEP, ftol=None, gtol=None).x
+    def residual(values: FloatArray) -> FloatArray:
+        return np.asarray(rows(values[None])[0])
+
+    def slopes(values: FloatArray) -> FloatArray:
+        step = SLOPE_STEP * np.eye(len(values))
+        ahead, behind = np.split(rows(np.concatenate([values + step, values - step])), 2)
+        return np.asarray((ahead - behind).T / (2.0 * SLOPE_STEP))
+
+    tolerances = {"xtol": STEP, "ftol": None, "gtol": None}
+    solution = least_squares(residual, own_values, slopes, **tolerances).x
     towers, change, stretch = read(solution)
-    moved_mm = at_zero_mm(solution, 1.0) - standing[1.0]
+    moved_mm = off_mm(solution[None], 1.0)[0, -1] - standing[1.0]
     after_mm = tool_error_mm(model, lambda tool_mm: believed_mm(solution, tool_mm))
     before_mm = tool_error_mm(model)
     return EnteredTowers(entries, now, towers, change, stretch, before_mm, after_mm, moved_mm)

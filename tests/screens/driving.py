@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
@@ -32,7 +33,9 @@ from drivers.profile import Outcome
 from protocols.procedure import Step
 
 SIZE = (80, 24)
-PATIENCE = 30_000
+PATIENCE_S = 240.0
+"""Beside many other programs; then it is said what was on the screen in place of it."""
+
 PRESSES = 5
 QUESTIONED = TakenStep(Step(4, "x", 0.0, 2, 0.5, ("y", "z")), (), (), doubt=Doubt.BEYOND)
 """A step that is further off than expected."""
@@ -80,11 +83,13 @@ def numbers(screen: Screen[Any]) -> list[str]:
 async def until(pilot: Pilot[str], what: str, condition: object) -> None:
     """Wait until the condition holds, and screens have their parts; says what did not happen."""
     assert callable(condition)
-    for _ in range(PATIENCE):
+    deadline = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline:
         if condition() and all(screen.is_mounted for screen in pilot.app.screen_stack):
             return
         await pilot.pause(0.02)
-    pytest.fail(f"did not happen: {what}")
+    lines = [*rows(pilot.app.screen), *(note.message for note in pilot.app._notifications)]
+    pytest.fail("\n".join([f"did not happen: {what}. On the screen:", *lines]))
 
 
 async def looked(pilot: Pilot[str], interface: Glidecal, kind: type[Looking]) -> Looking:

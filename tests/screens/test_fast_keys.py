@@ -29,7 +29,7 @@ from app.screens.prepare import IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
 from tests.conftest import LONG, SAMPLES, first_quick
-from tests.screens.driving import PATIENCE, SIZE, until
+from tests.screens.driving import PATIENCE_S, SIZE, until
 
 SAMPLE = SAMPLES / "simulated_zero-max-min.jsonl"
 PAIR = tuple(SAMPLES / f"experiment_{number}_twelve.jsonl" for number in (2, 3))
@@ -147,11 +147,9 @@ async def acted_on(interface: Glidecal) -> None:
     """
     last = asyncio.Event()
     interface.call_later(last.set)
-    for _ in range(PATIENCE):
-        if last.is_set() or not interface.is_running:
-            return
-        await asyncio.sleep(0.02)
-    pytest.fail("did not happen: the last key")
+    async with asyncio.timeout(PATIENCE_S):
+        while interface.is_running and not last.is_set():
+            await asyncio.sleep(0.02)
 
 
 async def struck(pilot: Pilot[str], interface: Glidecal, *keys: str) -> None:

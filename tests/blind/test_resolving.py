@@ -16,7 +16,7 @@ from tests.blind.resolving import Follower, machine_text, visits_of
 from tests.blind.resolving_page import page
 from tests.blind.steps import Visit
 from tests.blind.trials import Trial, possible
-from tests.conftest import first_quick
+from tests.conftest import LONG
 
 pytest.importorskip("app.evaluating.diagnosis", reason="there is no diagnosis to test yet")
 
@@ -64,16 +64,14 @@ def test_the_same_machine_with_offsets_entered_and_a_load() -> None:
     assert document["entered_offsets_mm"] == offsets.tolist()
 
 
+@LONG
 @pytest.mark.parametrize(
     ("procedure", "effect", "load", "shifted"),
-    first_quick(
-        [
-            ("zero-max-min", "actuator_cyclic", 1.0, False),
-            ("two-station", "gauge_tilt", 1.0, True),
-            ("zero-max-min", "actuator_scale", 2.0, False),
-        ],
-        several=True,
-    ),
+    [
+        ("zero-max-min", "actuator_cyclic", 1.0, False),
+        ("two-station", "gauge_tilt", 1.0, True),
+        ("zero-max-min", "actuator_scale", 2.0, False),
+    ],
 )
 def test_each_sort_of_proposal_resolves(
     tmp_path: Path, procedure: str, effect: str, load: float, shifted: bool

@@ -12,6 +12,7 @@ from drivers.profile import IndicatorReading, Outcome, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
 from drivers.twins import IndicatorTwin, TwinPort, default_transport
+from tests.conftest import LONG
 
 EXCHANGES = 3000
 """Ten minutes at five readings a second, the fastest that these profiles allow."""
@@ -32,6 +33,7 @@ class Counting:
         return self._start_mm + 0.001 * self._count
 
 
+@LONG
 def test_two_indicators_for_ten_minutes() -> None:
     heard: tuple[list[float], list[float]] = ([], [])
     end = (threading.Event(), threading.Event())

@@ -169,6 +169,7 @@ def test_the_bound_at_the_tool_and_what_lowers_it(tmp_path: Path, samples: Path)
     )
 
 
+@LONG
 def test_what_the_fit_has_already_is_no_contradiction_to_its_gap(tmp_path: Path) -> None:
     """Before: named at a gap that "would happen by chance in most sessions", without a word."""
     session = tmp_path / "s.jsonl"

@@ -23,6 +23,7 @@ from tests.app.hexaslide_hidden import hidden_session, written
 from tests.blind.hexaslide import Hidden
 from tests.blind.telescopic import moved
 from tests.calib.hexaslide.telescopic_draws import FILE, NOISE_M, NOISE_RAD, PLAIN, some
+from tests.conftest import LONG
 
 SCALE = Hidden("rail_scale", 2, 5e-4)
 SCALE_MM_PER_M = 0.5
@@ -217,6 +218,7 @@ def test_models_that_do_not_fit_are_refused(
     assert refused(3, "diagnose", scaled.second, "--model", scaled.first)
 
 
+@LONG
 def test_legs_of_a_platform_get_their_effects_as_well(tmp_path: Path) -> None:
     chance = np.random.default_rng(4)
     truth, postures = PLAIN.off(chance), some(40, 5)

@@ -112,6 +112,7 @@ def test_a_joint_that_was_moved_shows_in_its_lengths(tmp_path: Path) -> None:
     assert compared["platform_rms_mm"] == pytest.approx(0.075, abs=0.03)
 
 
+@LONG
 def test_legs_of_a_platform(tmp_path: Path) -> None:
     chance = np.random.default_rng(4)
     truth = PLAIN.off(chance)

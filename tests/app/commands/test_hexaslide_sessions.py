@@ -157,6 +157,7 @@ def test_a_cut_session_is_said_whatever_is_asked_of_it(pose: Path, tmp_path: Pat
     assert f"glidecal run --continue {cut} goes on with it" in message
 
 
+@LONG
 def test_each_of_two_sessions_is_read_once_and_a_cut_one_is_said(
     pose: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -330,6 +330,7 @@ def test_nothing_is_ever_without_a_number(tmp_path: Path) -> None:
             assert parameter["expanded_uncertainty"] > 0.0
 
 
+@LONG
 def test_a_reading_alone_between_two_breaks_is_said_to_be_lost(tmp_path: Path) -> None:
     """A mounting's only posture cannot be told from its zero; the numbers are those without it."""
     readings = [{**row, "mount": f"{row['leg']}{row['axis']}"} for row in rows()]

@@ -121,6 +121,7 @@ def test_replay_shows_positions(tmp_path: Path) -> None:
     assert "0, 30, 0" in ran("replay", path, "--headless")
 
 
+@LONG
 def test_what_is_held_out_of_a_plate_is_no_leg(tmp_path: Path) -> None:
     session = tmp_path / "s.jsonl"
     hiding = ("--effect", "straightness:x", "--size", "2", "-o", session)

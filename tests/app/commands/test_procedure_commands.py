@@ -11,6 +11,7 @@ import pytest
 from protocols.record import read_record
 from protocols.session import fold
 from tests.app.cli import glidecal, refused
+from tests.conftest import LONG
 
 OWN = """schema = "glidecal.procedure/1"
 name = "own"
@@ -66,6 +67,7 @@ def test_a_random_order_shuffles_the_levels_and_nothing_else() -> None:
     assert [k for k, (_, posture, _) in enumerate(mixed) if posture == "ZERO"] == zeros
 
 
+@LONG
 def test_a_random_order_stays_in_the_record_and_is_measured(tmp_path: Path) -> None:
     session = tmp_path / "s.jsonl"
     arguments = ("--simulated", "--headless", "--random-order", "5", "-o", session)

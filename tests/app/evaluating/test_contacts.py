@@ -80,7 +80,8 @@ def test_readings_of_an_indicator_keep_its_names(tmp_path: Path) -> None:
     assert "plate_tilt" not in ids
 
 
-@pytest.mark.parametrize("scale", first_quick([8e-3, -8e-3]))
+@LONG
+@pytest.mark.parametrize("scale", [8e-3, -8e-3])
 def test_a_belt_is_named_in_contacts(tmp_path: Path, scale: float) -> None:
     hidden = Hidden(offset_mm=(0.4, -0.3, 0.1), scale=(0.0, scale, 0.0))
     diagnosis = diagnose_sessions([session(tmp_path, contacts(hidden, 3))]).diagnosis

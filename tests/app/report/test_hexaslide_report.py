@@ -111,6 +111,7 @@ def test_the_report_judges_by_the_tolerance_of_its_verification(
     assert verify_sessions(before, last, None).tolerance_mm == TOLERANCE_MM
 
 
+@LONG
 def test_nothing_is_entered_that_is_not_shown_to_be_better(
     pair: tuple[Path, Path], tmp_path: Path
 ) -> None:

@@ -23,7 +23,7 @@ from tests.app.posture_sessions import TOLERANCE_MM, before_and_after, posture_s
 from tests.app.report.certificates import LABORATORY, ORDER, laboratory
 from tests.app.report.test_certificate import printed_pages
 from tests.app.report.test_dcc import NAMES, faults_of, values_of
-from tests.conftest import LONG
+from tests.conftest import LONG, first_quick
 
 __all__ = ["faults_of"]  # the fixture
 
@@ -57,7 +57,9 @@ def stewart() -> HexaSlideMachine:
     return machine.model_copy(update={"platform_tolerance_mm": TOLERANCE_MM})
 
 
-@pytest.mark.parametrize("procedure", ["pose-inverse", "constraint-link", "link-indicator"])
+@pytest.mark.parametrize(
+    "procedure", first_quick(["pose-inverse", "constraint-link", "link-indicator"])
+)
 def test_every_procedure_is_valid(
     procedure: str, order: Path, tmp_path: Path, faults_of: Callable[[str], list[str]]
 ) -> None:

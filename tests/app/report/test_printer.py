@@ -213,6 +213,7 @@ def test_a_stretched_belt_is_named_with_what_to_turn(tmp_path: Path) -> None:
     assert entry.value == pytest.approx(float(steps), abs=5.1e-5), "no certificate drops a part"
 
 
+@LONG
 def test_repeats_that_agree_to_the_last_digit_are_repeats(tmp_path: Path) -> None:
     """Of Marlin's hundredths: it was said, too, that no place was probed twice."""
     log, session = tmp_path / "m.log", tmp_path / "s.jsonl"

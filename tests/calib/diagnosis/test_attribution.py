@@ -21,7 +21,7 @@ from tests.calib.diagnosis.diagnosed_sessions import (
     names,
     with_values,
 )
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 
 @pytest.mark.parametrize("seed", first_quick(range(4)))
@@ -39,6 +39,7 @@ def test_two_indicators_are_a_rival_of_one_bar(seed: int) -> None:
     assert "gauge_tilt" in possible
 
 
+@LONG
 def test_six_indicators_that_all_differ_are_one_name() -> None:
     gains = (7.0, -2.6, -3.7, -3.6, 3.2, 7.0)
     places = ("xy", "xz", "yx", "yz", "zx", "zy")
@@ -56,7 +57,8 @@ def test_six_indicators_that_all_differ_are_one_name() -> None:
     assert np.ptp(off) < 0.2 * sizes[0].standard_uncertainty
 
 
-@pytest.mark.parametrize("seed", first_quick([5, 6, 7]))
+@LONG
+@pytest.mark.parametrize("seed", [5, 6, 7])
 def test_a_large_effect_is_followed_beyond_its_derivatives(seed: int) -> None:
     """Six milliradians beside 0.2 µm of noise: squares of the lean are many times that."""
     lean = EffectInstance(LAWS["axis_squareness"], "xz", (6.0,))

@@ -420,6 +420,7 @@ def test_of_three_postures_none_is_called_another() -> None:
     assert diagnosis.verdict == "unexplained"
 
 
+@LONG
 def test_a_repeat_that_fits_elsewhere_is_not_moved_when_others_show_the_wild_one() -> None:
     """Two repeats of one approach contradict each other; those from the other side tell."""
     session = case(TWO_STATION, seed=1)

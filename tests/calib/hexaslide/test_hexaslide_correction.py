@@ -31,7 +31,8 @@ def test_a_cause_beside_the_parameters_no_longer_bends_them(what: Hidden) -> Non
     assert machine.entered_mm < 1.05 * machine.bound_mm < 3.0 * machine.entered_mm
 
 
-@pytest.mark.parametrize("kind", first_quick(["pose-forward", "position"]))
+@LONG
+@pytest.mark.parametrize("kind", ["pose-forward", "position"])
 def test_a_sound_machine_is_entered_as_it_was_fitted(kind: str) -> None:
     machine = remaining(kind, 5, Hidden(None))
     assert machine.entered_mm == pytest.approx(machine.plain_mm, rel=0.1)
@@ -85,6 +86,7 @@ def rms(values: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+@LONG
 def test_noise_that_is_stated_too_small_bends_nothing() -> None:
     """A fifth is stated: three good postures were left out, and the bound was too small."""
     file, ratios = load_hexaslide(), []

@@ -127,6 +127,7 @@ def test_a_frame_too_small_to_be_named_makes_no_bound_untrue(kind: str) -> None:
     assert within_bound >= 20
 
 
+@LONG
 def test_sound_machines_are_not_accused() -> None:
     """None is; chance may leave one or two open."""
     agreed = 0

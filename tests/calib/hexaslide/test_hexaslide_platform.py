@@ -56,6 +56,7 @@ def test_the_platform_bound_holds(name: str) -> None:
     assert within_bound >= 21
 
 
+@LONG
 def test_the_error_now_is_that_of_all_of_the_box() -> None:
     """Beside 160,000 random places, whose r.m.s. varies by 0.2 %; that of 200 by 4 %, more than the
     bound that stands beside it. The tracker's frame is laid over.

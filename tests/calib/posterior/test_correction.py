@@ -17,7 +17,7 @@ from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import Empirical
 from calib.tripod.workspace import workspace_points
 from tests.calib.posterior.hidden_machines import SHORT, SWEEP, hidden, session
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 DRAWS = 4_000
 
@@ -56,8 +56,9 @@ def drawn(result: Posterior, generator: np.random.Generator, count: int) -> Floa
     return np.hstack(draws)
 
 
-@pytest.mark.parametrize("frame", first_quick(FRAMES))
-@pytest.mark.parametrize("holds", first_quick(HOLDS))
+@LONG
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("holds", HOLDS)
 def test_the_bound_is_what_975_of_1000_machines_drawn_from_the_posterior_keep(
     unsure: Posterior, holds: Holds, frame: Frame
 ) -> None:

@@ -149,6 +149,7 @@ def test_covariances_after_readings_are_those_of_dense_matrices(both_ways: Known
         assert square < 0.9 * before
 
 
+@LONG
 def test_means_go_where_the_readings_of_another_model_take_them(both_ways: Known) -> None:
     for (true, first), (rival, second) in permutations(both_ways.dense.items(), 2):
         moved = second.into @ (second.gain @ (first.expected - second.expected))

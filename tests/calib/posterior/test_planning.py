@@ -369,6 +369,7 @@ def test_a_procedure_of_the_program_is_judged_beside_set_ups(play_or_screw: Plan
     assert proposal.bound_mm == pytest.approx(best.bound_mm, rel=0.05)
 
 
+@LONG
 def test_a_session_without_a_known_noise_has_a_plan() -> None:
     case, _ = session(SHORT, seed=3, scatter_mm=NOISE_MM)
     once = case.observations.take(np.flatnonzero(case.observations.cycle == 1))

@@ -30,7 +30,7 @@ from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
 from tests.blind.forward import LEG_MM, Hidden, Hypothesis, Rows, readings
 from tests.blind.steps import PLANS, Plan, rows_of, rows_of_visits, visits
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 ALIGN = Plan((0.0, 60.0, -100.0), 3, (0.3, 0.6), (0.1, 0.9))
 TOLERANCE = np.repeat([2.0, 0.1], 3)
@@ -135,6 +135,7 @@ def test_three_rounds_of_a_fitter(seed: int) -> None:
     assert np.abs(remaining[3:]).max() < 0.05
 
 
+@LONG
 def test_what_is_found_is_within_its_bounds() -> None:
     """Ten machines: of 60 figures 95 % within their ±; more than 8 outside is no chance."""
     outside = 0

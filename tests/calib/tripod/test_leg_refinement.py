@@ -16,7 +16,7 @@ from calib.tripod.geometry import Geometry
 from calib.tripod.leg_refinement import move_off_grid
 from calib.tripod.pipeline import derivatives
 from calib.tripod.pool import LegPool, leg_pool, levels_mm
-from tests.conftest import first_quick
+from tests.conftest import LONG, first_quick
 
 NOISE_MM = 0.02
 METRIC = np.diag([1.0, 2.0, 1.5, 0.5, 1.0, 1.0])
@@ -180,6 +180,7 @@ def test_limits_that_are_no_tenths_are_kept() -> None:
     assert {float(mm) for mm in moved.displacement_mm} >= {60.04, -99.97}
 
 
+@LONG
 def test_a_travel_too_short_for_tenths_keeps_postures_distinct() -> None:
     geometry = Geometry(travel_max_mm=0.4, travel_min_mm=-0.4)
     grid = leg_pool(geometry)

@@ -18,7 +18,7 @@ demo: $(VENV)/runtime.stamp
 # machine wait more than they compute
 test: check
 	-@$(BIN)/pytest --collect-only -q -m 'not long' >/dev/null
-	$(BIN)/pytest -n 6 --dist worksteal -m 'not long'
+	$(BIN)/pytest -n 6 --dist worksteal -m 'not long' --junitxml build/quick-tests.xml
 
 test-long: $(VENV)/dev.stamp
 	$(BIN)/pytest -n 4 --dist worksteal -m long

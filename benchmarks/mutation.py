@@ -42,6 +42,7 @@ TESTS = (
 )
 QUICK = ("-m", "not long", "-p", "no:cacheprovider", "-p", "no:xdist", "-q")
 SEED = 33
+MUTANT_COUNT = 300
 LIMIT_S = 30.0
 """Of tests that a mutant is tried by, and three times as long until these hang."""
 
@@ -333,7 +334,7 @@ def main() -> None:
     """Measure what reaches what, if need be; then try the mutants that have no outcome."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--count", type=int, default=300)
+    parser.add_argument("--count", type=int, default=MUTANT_COUNT)
     parser.add_argument("--limit", type=float, default=LIMIT_S, help="seconds of tests a mutant")
     parser.add_argument("--again", action="store_true", help="what was not killed, once more")
     parser.add_argument("--reach", nargs="*", help="new or changed tests: measure these first")

@@ -1,8 +1,14 @@
-"""How the house is built, in figures: ``python -m benchmarks.structure`` prints the table."""
+"""How the house is built, in figures: ``python -m benchmarks.structure`` prints the table.
+
+How long quick tests took is of the last ``make test`` in this clone, the mutants are those of the
+last ``make mutation``; the rest is measured now.
+"""
 
 from __future__ import annotations
 
 import ast
+import csv
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,11 +17,14 @@ from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from tokenize import COMMENT, DEDENT, ENCODING, ENDMARKER, INDENT, NEWLINE, NL, tokenize
+from xml.etree import ElementTree
 
 import grimp
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
+
+from benchmarks.mutation import MUTANT_COUNT
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("app", "calib", "drivers", "protocols")
@@ -38,6 +47,8 @@ NO_NOUNS = frozenset([*WORDS.split(), *PLAIN.split()])
 """Participles and pronouns, which say nothing of what a value is."""
 
 SESSION = ROOT / "sample_sessions" / "simulated_two-station.jsonl"
+QUICK_TESTS = ROOT / "build" / "quick-tests.xml"
+MUTANTS = ROOT / "docs" / "mutants.csv"
 
 ENTERED = """
 import sys
@@ -181,6 +192,45 @@ def entered(*arguments: str) -> tuple[int, int]:
     return int(functions), int(deepest)
 
 
+def bare_data_classes(tree: ast.Module) -> int:
+    """Data classes that carry values and nothing that is worked out of them."""
+    classes = (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
+    return sum(
+        any("dataclass" in ast.unparse(decorator) for decorator in node.decorator_list)
+        and not any(isinstance(part, ast.FunctionDef) for part in node.body)
+        for node in classes
+    )
+
+
+def processor_s(*arguments: str) -> float:
+    """Of a whole process of Python, the least of three."""
+    times = []
+    for _ in range(3):
+        before = os.times()
+        subprocess.run([sys.executable, *arguments], capture_output=True, check=True, cwd=ROOT)
+        after = os.times()
+        of_system = after.children_system - before.children_system
+        times.append(after.children_user - before.children_user + of_system)
+    return min(times)
+
+
+def quick_tests_s() -> str:
+    """How long they took as `make test` ran last."""
+    if not QUICK_TESTS.exists():
+        return "not run"
+    [suite] = ElementTree.parse(QUICK_TESTS).iter("testsuite")
+    return f"{float(suite.attrib['time']):.0f}"
+
+
+def mutants_seen() -> str:
+    """Of the mutants that change what the program does, those that tests see."""
+    with MUTANTS.open(encoding="utf-8", newline="") as file:
+        outcomes = [row["outcome"] for row in csv.DictReader(file)]
+    effective = MUTANT_COUNT - outcomes.count("no effect")
+    seen = effective - outcomes.count("not seen")
+    return f"{seen} of {effective}, {seen / effective:.0%}"
+
+
 def _python_files() -> list[Path]:
     return [path for room in ROOMS for path in (ROOT / room).rglob("*.py")]
 
@@ -200,7 +250,8 @@ def table(result: Structure) -> str:
         export = entered("export", str(SESSION), *to_json)
         diagnose = entered("diagnose", str(SESSION))
     texts = {path: path.read_text(encoding="utf-8") for path in _python_files()}
-    names = [name for text in texts.values() for name in names_of(ast.parse(text))]
+    trees = [ast.parse(text) for text in texts.values()]
+    names = [name for tree in trees for name in names_of(tree)]
     core = core_modules()
     of_core = {path: text for path, text in texts.items() if _module(path) in core}
     rows = [
@@ -209,6 +260,12 @@ def table(result: Structure) -> str:
         ("functions that `diagnose` enters, and how deep", "{}, {}".format(*diagnose)),
         ("lines of code", f"{sum(map(code_lines, texts.values())):,}"),
         ("– of the core", f"{sum(map(code_lines, of_core.values())):,}"),
+        ("data classes without a method", f"{sum(map(bare_data_classes, trees))}"),
+        ("quick tests, s", quick_tests_s()),
+        ("mutants that tests see", mutants_seen()),
+        ("processor for `import glidecal`, s", f"{processor_s('-c', 'import glidecal'):.2f}"),
+        ("processor for `--help`, s", f"{processor_s('-m', 'app', '--help'):.2f}"),
+        ("processor for `solve`, s", f"{processor_s('-m', 'app', 'solve', str(SESSION)):.2f}"),
         ("modules", f"{result.modules}"),
         ("imports a module", f"{result.imports_a_module:.2f}"),
         ("largest import cycle, modules", f"{max(len(result.largest_cycle), 1)}"),

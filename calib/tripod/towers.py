@@ -242,7 +242,7 @@ def entered(model: Model, entries: TowerEntries) -> EnteredTowers:
         return np.asarray(geometry.zero_mm + above_zero / (1.0 + stretch))
 
     def off_mm(candidates: FloatArray, way: float) -> FloatArray:
-        """Of the tool at all points and at Zero, ``(n_candidates, n_points + 1, 3)``."""
+        """Errors of the tool at all points and at Zero ``(n_candidates, n_points + 1, 3)``."""
         believed = np.concatenate([believed_mm(values, places) for values in candidates])
         tool_mm = machine_at(model, believed, way).tool_mm
         return np.asarray(tool_mm.reshape(len(candidates), len(places), 3) - places)

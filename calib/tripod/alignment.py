@@ -39,7 +39,7 @@ from calib.tripod.effects.effect import (
 )
 from calib.tripod.geometry import Geometry, Three
 from calib.tripod.movements import with_first_movements
-from calib.tripod.pipeline import Flow, Model, Stage, command, derivatives, posture
+from calib.tripod.pipeline import Flow, Model, Stage, command, derivatives
 
 LEAN_TOLERANCE_MRAD = 5.0
 DISTANCE_TOLERANCE_MM = 5.0
@@ -329,16 +329,11 @@ def _distance(first: int, second: int) -> FloatArray:
 
 def slope_at_zero_mm(model: Model, leg: int, towards: int) -> float:
     """How much further along an axis the foot of a leg is than its tool end, at Zero."""
-    conditions_at_zero = conditions([leg], [towards], [0.0])
-    flow = posture(
-        model.geometry,
-        model.parameters_mm,
-        conditions_at_zero,
-        command(model.geometry, conditions_at_zero),
-        model.effects,
-    )
-    bar_mm = flow.foot_mm[0, leg] - flow.tool_mm[0] - model.geometry.platform[leg]
-    return float(bar_mm @ model.geometry.read_along[leg, towards])
+    geometry, at_zero = model.geometry, conditions([leg], [towards], [0.0])
+    joint_mm = command(geometry, at_zero)
+    flow = Flow(geometry, model.parameters_mm, at_zero, joint_mm, model.effects)
+    end, foot = flow.bar_mm
+    return float((foot - end)[0] @ geometry.read_along[leg, towards])
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from calib.errors import ImpossibleRequest
 from calib.tripod.effects.bars import GravitySag, LegLength
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry, inverse
-from calib.tripod.pipeline import Model, Stage, StageEffect, driven
-from calib.tripod.workspace import machine_at, reached, workspace_points
+from calib.tripod.pipeline import Model, Stage, StageEffect
+from calib.tripod.workspace import machine_at, workspace_points
 
 MOST_POINTS = 256
 """Lines of a compensation table that LinuxCNC reads."""
@@ -174,9 +174,7 @@ def carriage_error_mm(model: Model, joint_mm: FloatArray, way: float) -> FloatAr
 
     ``way`` -1 is downwards. Includes d_rho.
     """
-    conditions = reached(len(joint_mm), way)
-    flow = driven(model.geometry, model.parameters_mm, conditions, joint_mm, model.effects)
-    return np.asarray(flow.carriage_mm - joint_mm)
+    return np.asarray(machine_at(model, joint_mm, way).carriage_mm - joint_mm)
 
 
 @lru_cache(maxsize=12)

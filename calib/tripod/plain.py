@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calib.arrays import TOOL, Conditions, FloatArray, IntArray
 from calib.tripod.geometry import Geometry, inverse, tool_jacobians, trilaterate
-from calib.tripod.pipeline import command, measuring_directions, own_zero_rows
+from calib.tripod.pipeline import command, measuring_directions, zero_rows
 
 
 class PlainDesign(Protocol):
@@ -50,7 +50,7 @@ class TripodDesign:
     geometry: Geometry
     taken: Conditions
     command_mm: FloatArray
-    zero: IntArray | slice
+    zero: IntArray
     along: FloatArray
     measured: FloatArray
     joint_mm: FloatArray
@@ -59,15 +59,11 @@ class TripodDesign:
     def of(cls, geometry: Geometry, conditions: Conditions) -> TripodDesign:
         """The design of these readings. Raises UnreachablePosture."""
         of_tool = (conditions.leg == TOOL)[:, None]
-        zeros: FloatArray = geometry.zero_mm[None]
-        zero: slice | IntArray = slice(-1, None)
-        if not geometry.common_zero:
-            zeros, zero = inverse(geometry, geometry.leg_zero_mm), own_zero_rows(conditions)
         return cls(
             geometry,
             conditions,
-            np.vstack([command(geometry, conditions), zeros]),
-            zero,
+            np.vstack([command(geometry, conditions), inverse(geometry, geometry.leg_zero_mm)]),
+            zero_rows(geometry, conditions),
             geometry.directions[conditions.leg],
             measuring_directions(geometry, conditions),
             np.where(of_tool, 0.0, geometry.platform[conditions.leg]),

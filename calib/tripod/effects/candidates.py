@@ -21,7 +21,7 @@ from calib.tripod.effects.effect import (
     Placed,
 )
 from calib.tripod.geometry import Geometry, inverse
-from calib.tripod.pipeline import COMPLEX_STEP_MM, Flow, Model, Stage, posture, simulate
+from calib.tripod.pipeline import COMPLEX_STEP_MM, Flow, Model, Stage, simulate
 from calib.tripod.workspace import reached
 
 VANISHES_MM = 1e-9
@@ -181,7 +181,7 @@ def tool_columns(
         index = [k for k, instance in enumerate(stepped) if instance.stage == stage]
         if index:
             together = _Together(tuple(stepped[k] for k in index), stage)
-            flow = posture(geometry, (0.0,) * 6, conditions, joint_mm, (together,))
+            flow = Flow(geometry, (0.0,) * 6, conditions, joint_mm, (together,))
             moved[:, :, index] = np.moveaxis(flow.tool_mm.imag / COMPLEX_STEP_MM, 0, -1)
     return np.asarray(moved[:-1] - moved[-1] if geometry.set_at_zero else moved[:-1])
 

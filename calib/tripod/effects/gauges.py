@@ -28,7 +28,7 @@ from calib.tripod.effects.effect import (
     numbers,
     on_legs,
 )
-from calib.tripod.pipeline import Flow, moved_along
+from calib.tripod.pipeline import Flow
 
 PERCENT = 1e-2
 
@@ -119,7 +119,7 @@ class TipOnRoundBar(OfTouch):
         """The touched point goes back by value z² / 2."""
         leg, axis = numbers(at.place)
         third = at.flow.geometry.read_along[leg, 3 - leg - axis]
-        z_mm = moved_along(at.flow, at.stage_input, np.broadcast_to(third, (len(at.flow.taken), 3)))
+        z_mm = at.flow.moved_along(at.stage_input, np.broadcast_to(third, (len(at.flow.taken), 3)))
         return -PER_THOUSAND * at.values[0] * z_mm**2 / 2.0
 
 

@@ -134,34 +134,25 @@ def remedies(placed_laws: Sequence[EffectInstance]) -> tuple[str, ...]:
     """What to do against an effect that acts at these places, once for those of equal values."""
     alike: dict[tuple[float | complex, ...], list[EffectInstance]] = {}
     for placed_effect in placed_laws:
-        alike.setdefault(placed_effect.values, []).append(placed_effect)
-    return tuple(
-        dict.fromkeys(
-            _remedy(alike_effects)
-            for alike_effects in alike.values()
-            if alike_effects[0].effect.controller
-        )
-    )
+        if placed_effect.effect.controller:
+            alike.setdefault(placed_effect.values, []).append(placed_effect)
+    return tuple(dict.fromkeys(map(_remedy, alike.values())))
 
 
 def _remedy(alike: Sequence[EffectInstance]) -> str:
     effect, places = alike[0].effect, [placed_effect.place for placed_effect in alike]
+    third = ("".join(name for name in LEG_NAMES if name not in place) for place in places)
     labels = {
         "place": ", ".join(places),
         "axis": ", ".join(dict.fromkeys(place[0] for place in places)),
         "along": ", ".join(dict.fromkeys(place[-1] for place in places)),
-        "third": ", ".join(dict.fromkeys(_third(place) for place in places)),
+        "third": ", ".join(dict.fromkeys(third)),
     }
     for parameter, value in zip(effect.parameters, alike[0].values, strict=True):
         if value.real < parameter.least:
             return f"nothing to enter: no machine has {value.real:+.4g} {parameter.unit} of this"
         labels[parameter.name] = f"{value.real:+.4g} {parameter.unit}"
     return re.sub(r"\{(\w+)\}", lambda match: labels.get(match[1], match[0]), effect.controller)
-
-
-def _third(place: str) -> str:
-    """The axis that a pair does not name."""
-    return "".join(name for name in LEG_NAMES if name not in place)
 
 
 PAIRS = ("xy", "yz", "xz")

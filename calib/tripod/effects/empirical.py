@@ -88,7 +88,7 @@ class Empirical(Law):
         """What depends on what."""
         of_reading = self.stage == Stage.READING
         grows = "readings grow" if of_reading else "a carriage is off along its way"
-        return f"{grows} {empirical_words(self.bases)}"
+        return f"{grows} {' and '.join(BASES[name].words for name in self.bases)}"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -193,11 +193,6 @@ class Repeating(OfCarriage):
             for k in range(HARMONICS)
         ]
         return np.asarray(np.sum(harmonics, axis=0))
-
-
-def empirical_words(bases: Iterable[str]) -> str:
-    """``with the cube of displacement and with time``."""
-    return " and ".join(BASES[name].words for name in bases)
 
 
 def empirical_effect(names: Iterable[str]) -> Empirical | Coupling | Repeating | None:

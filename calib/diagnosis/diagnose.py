@@ -133,7 +133,7 @@ class _Report:
         if verdict in ("partly-explained", "unexplained"):
             where = where_words(locate(leftover) if leftover else parts)
         repeats = pattern is not None and verdict not in ("explained", "agrees")
-        cells = self.posterior.sessions
+        mistakes = self.posterior.models[0].mistakes
         return Diagnosis(
             verdict=verdict,
             sentence=sentence(verdict, findings, where)
@@ -155,7 +155,10 @@ class _Report:
             remarks=tuple(self._remarks(left_over)),
             left_over=left_over,
             pattern=pattern,
-            cleaned=tuple(self._cleaned(k) for k in range(len(cells))),
+            cleaned=tuple(
+                _put_right(cells.case, [m for m in mistakes if m.session == k])
+                for k, cells in enumerate(self.posterior.sessions)
+            ),
         )
 
     def _findings(self) -> list[Finding]:
@@ -295,18 +298,14 @@ class _Report:
         if self.answer.verdict not in WITH_RESIDUALS or lawful <= EVEN * self.claims.missing:
             return None
         law = descending([*likely], likely.__getitem__)[0]
-        model_leftover = leftover or self.before
-        finding = self._finding(
-            (law,), likely[law], adopted, model_leftover.rms_mm(model_leftover.left)
-        )
-        if not finding.lowers_the_gap:  # guessed names may already do what it does: by itself
-            adopted, model_leftover = (), self.before
-            finding = self._finding(
-                (law,), likely[law], adopted, model_leftover.rms_mm(model_leftover.left)
-            )
-        if not finding.lowers_the_gap:
+        # guessed names may already do what it does: then by itself
+        for names, beside in ((adopted, leftover or self.before), ((), self.before)):
+            finding = self._finding((law,), likely[law], names, beside.rms_mm(beside.left))
+            if finding.lowers_the_gap:
+                break
+        else:
             return None
-        together = (*adopted, *finding.effects)
+        together = (*names, *finding.effects)
         if self.others:
             return ModelDiscrepancy(**vars(finding), held_out_gap=self._elsewhere(together))
         with_law, kinds = self._with(together), (*NAMES, "nameless")
@@ -404,10 +403,9 @@ class _Report:
         """Indicators that read the same wherever the machine was."""
         for cells in self.posterior.sessions:
             observations = cells.case.observations
-            first = [int(rows[0]) for rows in still_rows(observations)]
             places = {
                 TOUCHED_LETTERS[observations.leg[k]] + LEG_NAMES[observations.axis[k]]
-                for k in first
+                for k, *_ in still_rows(observations)
             }
             if places:
                 set_ups = ", ".join(sorted(places))
@@ -435,14 +433,9 @@ class _Report:
             leads = sorted(law.lead_mm for law in laws if isinstance(law, ActuatorCyclic))
             weights[(*leads,)] = weights.get((*leads,), 0.0) + weight
         best = max(weights, key=weights.__getitem__)
-        other_leads = {
-            lead
-            for leads, weight in weights.items()
-            for lead in leads
-            if lead not in best and weight > AS_GOOD * weights[best]
-        }
-        if other_leads:
-            leads_mm = ", ".join(f"{lead:g}" for lead in sorted(other_leads))
+        as_good = [leads for leads, weight in weights.items() if weight > AS_GOOD * weights[best]]
+        if rivals := {lead for leads in as_good for lead in leads if lead not in best}:
+            leads_mm = ", ".join(f"{lead:g}" for lead in sorted(rivals))
             yield (
                 f"{name.id} ({name.where}): leads of {leads_mm} mm fit as well; write the screw's"
                 " lead into the machine file"
@@ -450,11 +443,9 @@ class _Report:
 
     def _far_offsets(self) -> Iterator[str]:
         """Joint offsets that nobody would have left: they count, but a person should look."""
-        weight = np.array([model.weight for model in self.posterior.models])
-        means = np.array(
-            [model.mean[: self.posterior.parameter_count] for model in self.posterior.models]
-        )
-        expected_mm = weight @ means
+        count = self.posterior.parameter_count
+        models = self.posterior.models
+        expected_mm = np.sum([model.weight * model.mean[:count] for model in models], axis=0)
         for number, cells in enumerate(self.posterior.sessions):
             first = LENGTHS + 3 * number
             entered_mm = cells.case.model.parameters_mm[:3]
@@ -496,11 +487,6 @@ class _Report:
                 smallest[component.id] = Detectable(component.id, size, parameter.unit)
         return smallest
 
-    def _cleaned(self, number: int) -> CleanedReadings:
-        case = self.posterior.sessions[number].case
-        mistakes = [m for m in self.posterior.models[0].mistakes if m.session == number]
-        return _put_right(case, mistakes)
-
 
 def _needed(length: float, log_prior: float, causes: FloatArray) -> float:
     """Standard deviations that a column of this length per unit needs, so that it is missed.
@@ -536,12 +522,11 @@ def _put_right(case: SessionCase, mistakes: Sequence[Mistake]) -> CleanedReading
         place = np.argsort(mistake.source)[place]
     rows = np.flatnonzero(~out[visit])
     labels = first[place[visit]]
-    names = ("leg", "axis", "station", "displacement_mm", "approach", "cycle")
-    right = {name: getattr(observations, name)[labels] for name in names}
-    right |= {n: getattr(observations, n)[labels] for n in ("position_mm", "movement", "along_mm")}
+    names = ["leg", "axis", "station", "displacement_mm", "approach", "cycle"]
+    names += ["position_mm", "movement", "along_mm"]
     moved = replace(
         observations,
-        **right,
+        **{name: getattr(observations, name)[labels] for name in names},
         value_mm=observations.value_mm * factor[visit],
         mount=numbered(observations.mount[labels], slips[visit]),
     )

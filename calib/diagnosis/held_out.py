@@ -194,8 +194,7 @@ class _LeftOut:
 
     def _best(self, selection: ModelSelection) -> Key:
         """What has most weight alone, or the set that has more."""
-        components = self.posterior.components[: len(selection.columns)]
-        allowed = [component.kind in self.kinds for component in components]
+        allowed = [component.kind in self.kinds for component in self._components]
         log = np.where(allowed, selection.log_weights(), -math.inf)
         row, number = np.unravel_index(int(np.argmax(log)), log.shape)
         best: Key = ((int(number), SCALES[int(row)]),)

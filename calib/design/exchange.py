@@ -177,7 +177,7 @@ class _Exchanges:
         self.candidates = candidates
         self.aim = aim
         self.repeats = repeats
-        self.keep, self.drop = aim.columns(count), aim.nuisance(count)
+        self.keep, self.drop = aim.parts(count)
         self.ridge = np.diag(candidates.ridge())
         self.nuisance_rows = np.ascontiguousarray(candidates.rows[:, :, self.drop])
 

@@ -154,15 +154,13 @@ class _Effects:
         self._noise, self._names = readings.value_noise, readings.procedure.read
         self._count = len(postures)
         self._moved = np.linalg.inv(legs(machine.geometry, postures).arms.by_posture)
-        steps = [
-            (
-                read_at(readings.procedure, machine, postures + STEP * unit)
-                - read_at(readings.procedure, machine, postures - STEP * unit)
-            )
-            / (2.0 * STEP)
-            for unit in np.eye(len(COMPONENTS))
-        ]
-        self._by_posture = np.stack(steps, axis=-1)
+
+        def read(step: FloatArray) -> FloatArray:
+            return read_at(readings.procedure, machine, postures + step)
+
+        steps = STEP * np.eye(len(COMPONENTS))
+        slopes = [(read(step) - read(-step)) / (2.0 * STEP) for step in steps]
+        self._by_posture = np.stack(slopes, axis=-1)
 
     def of_sliders(
         self,
@@ -174,14 +172,11 @@ class _Effects:
         sliders: list[FloatArray],
     ) -> HexaSlideCause:
         """Carriages off by ``sliders`` ``(p, 6)`` per 1, 1000 units; ``size`` is unremarkable."""
-        moved = [np.einsum("pij,pj->pi", self._moved, change) * size for change in sliders]
-        whitened = [
-            np.einsum("pri,pi->pr", self._by_posture, change) / self._noise for change in moved
-        ]
-        columns = np.stack([change.ravel() for change in whitened], axis=1)
-        places = np.stack([change[:, :3].ravel() for change in moved], axis=1)
         carriages = size * np.stack(sliders, axis=-1)
-        return HexaSlideCause(cause, where, names, unit, size * 1e3, columns, places, carriages)
+        moved = self._moved @ carriages
+        columns = self._by_posture @ moved / self._noise[:, None]
+        flat, places = (part.reshape(-1, len(names)) for part in (columns, moved[:, :3]))
+        return HexaSlideCause(cause, where, names, unit, size * 1e3, flat, places, carriages)
 
     def of_frame(self, postures: FloatArray) -> HexaSlideCause:
         """What was measured lies in another frame than the machine. Parameters take over a turn
@@ -218,12 +213,10 @@ class _Effects:
         share: float,
     ) -> HexaSlideCause:
         """A cause that moves nothing, with its effect on what is read ``(p, m, r)``."""
-        flat, carriages = (
-            columns.reshape(-1, len(names)),
-            np.zeros((self._count, CHAINS, len(names))),
-        )
-        places = np.zeros((3 * self._count, len(names)))
-        return HexaSlideCause(cause, where, names, unit, size, flat, places, carriages, share)
+        count = len(names)
+        still = np.zeros((3 * self._count, count)), np.zeros((self._count, CHAINS, count))
+        flat = columns.reshape(-1, count)
+        return HexaSlideCause(cause, where, names, unit, size, flat, *still, share)
 
 
 def _sides(geometry: Geometry, chain: int) -> tuple[FloatArray, FloatArray]:

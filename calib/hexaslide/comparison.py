@@ -45,7 +45,7 @@ class MeasuredMachine:
             count = places.moved.shape[1]
             return np.zeros(len(places.moved)), places.moved @ self._root[:count]
         acting = moved_by(models, places) @ models.given_way + over_all(models, places)
-        by_noise = moved_by(models, places) @ (models.directions / models.sizes)
+        by_noise = moved_by(models, places) @ models.directions.inverse
         mean, covariance = models.mixture()
         return acting @ mean, self._inflation * np.hstack([by_noise, acting @ root_of(covariance)])
 

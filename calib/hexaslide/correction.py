@@ -52,7 +52,7 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
         return None
     calibrated = models.calibration
     machine, names, free = calibrated.machine, calibrated.names, calibrated.laid_over
-    along, by_axes = models.directions, models.directions / models.sizes
+    along = models.directions.right.T
     # parameters beside an effect give way; those that are entered imitate it over the box
     given_way = models.given_way
     # in the frame as it was measured: what is laid over is not moved for nothing
@@ -65,7 +65,7 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
     places = Places.of(reference, machine, free)
     either = np.resize([[1.0], [-1.0]], (places.count, 1))
     shift, over_box = moved_by(models, places), over_all(models, places, either)
-    by_noise = shift @ by_axes
+    by_noise = shift @ models.directions.inverse
     stands, adopted = shift @ given_way + over_box, over_box @ models.stated
 
     values = [models.values(entry) for entry in models.entries]
@@ -101,7 +101,7 @@ def known_of(
     """
     scaled = slopes * models.tolerances
     square = models.excess
-    by_noise = ((scaled @ (models.directions / models.sizes)) ** 2).sum(axis=1)
+    by_noise = ((scaled @ models.directions.inverse) ** 2).sum(axis=1)
     given_way = scaled @ models.given_way
     means, variances = [], []
     for entry in models.entries:

@@ -111,10 +111,9 @@ class WeighedCauses:
     with them, the heaviest first, together 1.
 
     ``base`` ``(n, k)`` are derivatives by the parameters in ``tolerances`` ``(k,)``, ``whitened``
-    ``(n,)`` what the ``calibration`` machine leaves, both in the noise. Its singular values
-    ``sizes`` ``(rank,)`` have ``axes`` ``(n, rank)`` in the readings, which span what parameters
-    can do, and ``directions`` ``(k, rank)`` in the parameters. ``expected`` ``(k,)`` is the machine
-    file, by the calibrated one in tolerances.
+    ``(n,)`` what the ``calibration`` machine leaves, both in the noise. Its ``directions`` are what
+    parameters can do. ``expected`` ``(k,)`` is the machine file, by the calibrated one in
+    tolerances.
 
     Effects that are ``adopted`` are in all of this at the sizes that they have in their model,
     ``stated`` ``(c,)`` in unremarkable sizes for the columns of all causes. ``free`` tells of each
@@ -133,9 +132,7 @@ class WeighedCauses:
     expected: FloatArray
     base: FloatArray
     whitened: FloatArray
-    axes: FloatArray
-    sizes: FloatArray
-    directions: FloatArray
+    directions: SeenDirections
     causes: tuple[HexaSlideCause, ...]
     selection: ModelSelection
     entries: tuple[ModelEntry, ...]
@@ -150,10 +147,10 @@ class WeighedCauses:
         """Readings beyond the parameters and adopted sizes that they determine; none where
         parameters take up all different postures, for readings of the same tell noise alone.
         """
-        if self.readings.different * len(self.readings.procedure.read) <= len(self.sizes):
+        rank = len(self.directions.singular)
+        if self.readings.different * len(self.readings.procedure.read) <= rank:
             return 0
-        sizes_of_model = sum(len(self.selection.columns[k]) for k in self.free.members)
-        return len(self.whitened) - len(self.sizes) - sizes_of_model
+        return len(self.whitened) - rank - len(self.index(self.free))
 
     @property
     def weights(self) -> FloatArray:
@@ -170,6 +167,10 @@ class WeighedCauses:
         columns = (self.selection.columns[k] for k in entry.members)
         return np.concatenate([np.zeros(0, dtype=np.intp), *columns])
 
+    def scale(self, entry: ModelEntry) -> FloatArray:
+        """The scale of each of these columns in the model ``(r,)``."""
+        return np.repeat(entry.scales, [len(self.selection.columns[k]) for k in entry.members])
+
     def columns(self, entry: ModelEntry) -> FloatArray:
         """What a model's values do to the readings ``(n, r)``."""
         of_members = (self.causes[k].columns for k in entry.members)
@@ -179,9 +180,8 @@ class WeighedCauses:
         """Mean ``(r,)`` and covariance ``(r, r)`` of a model's values, in unremarkable sizes; of
         adopted effects what they differ by from ``stated``.
         """
-        index = self.index(entry)
-        scale = np.repeat(entry.scales, [len(self.selection.columns[k]) for k in entry.members])
-        inner = self.selection.products.inner[np.ix_(index, index)] + np.diag(scale**-2.0)
+        index, inner = self.index(entry), np.diag(self.scale(entry) ** -2.0)
+        inner = inner + self.selection.products.inner[np.ix_(index, index)]
         covariance = np.asarray(np.linalg.inv(inner), dtype=np.float64)
         return np.asarray(covariance @ self.selection.products.along[index]), covariance
 
@@ -192,7 +192,7 @@ class WeighedCauses:
         if self.spare < 1:
             return 0.0, 1.0
         remainder = self.whitened - self.columns(entry) @ self.values(entry)[0]
-        remainder = without(self.axes, self.noise_times * remainder)
+        remainder = without(self.directions.left, self.noise_times * remainder)
         ratio = float(remainder @ remainder) / self.spare
         return ratio, variance_ratio_p_value(ratio, self.spare, np.inf)
 
@@ -210,7 +210,7 @@ class WeighedCauses:
     def given_way(self) -> FloatArray:
         """By how much parameters in tolerances give way ``(k, c)`` to the columns of all causes."""
         columns = np.hstack([cause.columns for cause in self.causes])
-        return np.asarray(-(self.directions / self.sizes) @ (self.axes.T @ columns))
+        return np.asarray(-self.directions.inverse @ (self.directions.left.T @ columns))
 
     def mixture(self) -> tuple[FloatArray, FloatArray]:
         """Mean ``(c,)`` of all columns of causes over the models, and covariance ``(c, c)``."""
@@ -335,7 +335,6 @@ def _weighed(
     base = (slopes / noise[:, None]).reshape(residual.values.size, -1) * tolerances
     expected = (nominal.parameters(names) - machine.parameters(names)) / tolerances
     whitened = (residual.values / noise).ravel()
-    seen = SeenDirections.of(base)
     of_machine = causes_of_machine(readings, machine, postures, lead_m, middle)
     causes = (*of_machine, *mistakes_of(readings, machine, postures))
     selection = _selection(About.of(base, whitened, expected), causes, len(whitened))
@@ -356,9 +355,7 @@ def _weighed(
         expected=expected,
         base=base,
         whitened=whitened,
-        axes=seen.left,
-        sizes=seen.singular,
-        directions=seen.right.T,
+        directions=SeenDirections.of(base),
         causes=causes,
         selection=selection,
         entries=(),
@@ -370,7 +367,7 @@ def _weighed(
     if models.spare < FEWEST_SPARE:
         return models
     looked_for = [k for k, effect in enumerate(places) if effect is None]
-    entries = tuple(_entries(selection, models.free, looked_for))
+    entries = tuple(_entries(models, looked_for))
     weights, weights_of_names = _weights(entries), dict[Names, float]()
     for entry, weight in zip(entries, weights.tolist(), strict=True):
         names_of_entry = models.names(entry)
@@ -390,15 +387,11 @@ def _weights(entries: Sequence[ModelEntry]) -> FloatArray:
     return np.asarray(weights / weights.sum())
 
 
-def _entries(
-    selection: ModelSelection, free: ModelEntry, looked_for: Sequence[int]
-) -> Iterator[ModelEntry]:
+def _entries(models: WeighedCauses, looked_for: Sequence[int]) -> Iterator[ModelEntry]:
     """Models of causes ``looked_for``, the ``free`` ones in each of them."""
-    index = np.concatenate(
-        [np.zeros(0, dtype=np.intp), *(selection.columns[k] for k in free.members)]
-    )
-    scale = np.repeat(free.scales, [len(selection.columns[k]) for k in free.members])
-    taken, products = selection.products.taken_by(index, scale, slice(None)), selection.products
+    selection, free = models.selection, models.free
+    products = selection.products
+    taken = products.taken_by(models.index(free), models.scale(free), slice(None))
     beside = Products(
         products.inner - taken.shown.T @ taken.shown,
         products.along - taken.along @ taken.shown,

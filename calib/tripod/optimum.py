@@ -6,10 +6,11 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 
-from calib.arrays import LEG_NAMES, FloatArray, IntArray, descending
+from calib.arrays import LEG_NAMES, FloatArray, IntArray, descending, numbered
 from calib.design.criteria import Aim, Criterion, value_of, wanted_information
 from calib.design.exchange import Candidates, ChosenCandidates, choose
 from calib.errors import ImpossibleRequest, NotIdentifiable
@@ -246,14 +247,10 @@ class _Search:
 
 def _visits_of_all(pool: LegPool, legs: IntArray, station: float) -> IntArray:
     """Candidates at a station ``(k, legs)``, of displacements that all legs allow."""
-    visits = list(zip(pool.displacement_mm, pool.approach, strict=True))
+    visit = numbered(pool.displacement_mm, pool.approach)
     of_legs = [np.flatnonzero((pool.leg == leg) & (pool.station == station)) for leg in legs]
-    common = set.intersection(*({visits[k] for k in members_of_leg} for members_of_leg in of_legs))
-    members = [
-        np.array([k for k in members_of_leg if visits[k] in common], np.intp)
-        for members_of_leg in of_legs
-    ]
-    return np.stack(members, axis=1)
+    common = reduce(np.intersect1d, (visit[rows] for rows in of_legs))
+    return np.stack([rows[np.isin(visit[rows], common)] for rows in of_legs], axis=1)
 
 
 def _coordinates(pool: LegPool, subset: Sequence[int]) -> Iterator[Coordinates]:

@@ -13,7 +13,6 @@ from calib.tripod.effects.bars import (
     LegLength,
     LegTaper,
 )
-from calib.tripod.effects.contacts import ROUND, SHAPES, PlatformTilt, TiltOfTouchedPlate
 from calib.tripod.effects.drives import (
     STANDARD_LEADS_MM,
     ActuatorCyclic,
@@ -28,6 +27,8 @@ from calib.tripod.effects.drives import (
 )
 from calib.tripod.effects.effect import Effect
 from calib.tripod.effects.gauges import (
+    ROUND,
+    SHAPES,
     DriftOfStand,
     DriftWithTemperature,
     DriftWithTime,
@@ -35,6 +36,8 @@ from calib.tripod.effects.gauges import (
     GaugeHysteresis,
     GaugeTilt,
     PlateTilt,
+    PlatformTilt,
+    TiltOfTouchedPlate,
     TipOnRoundBar,
 )
 

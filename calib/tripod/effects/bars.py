@@ -34,10 +34,6 @@ class LegLength(OfBar):
     parameters = (EffectParameter("length", "mm", 0.1),)
     controller = "bar {place}: the kinematics of export --format linuxcnc-kins"
 
-    def off(self, at: Acting) -> NDArray[Any]:
-        """The value, whatever the load."""
-        return np.asarray(at.values[0])
-
 
 @dataclass(frozen=True)
 class GravitySag(OfBar):

@@ -256,12 +256,15 @@ class Law:
         return np.asarray(stage_input + self.moved(at, self.off(at)))
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By how much ``(..., n)``, mm; one number where it is the same for all readings."""
-        raise NotImplementedError
+        """By how much ``(..., n)``, mm; one number where it is the same for all readings.
 
-    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
-        """The change of what passes."""
-        raise NotImplementedError
+        Unless a law says otherwise that is its value.
+        """
+        return np.asarray(at.values[0])
+
+    def moved(self, _at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
+        """The change of what passes; of a law of no sort `off` is all of it."""
+        return off_mm
 
 
 def wave_mm(at: Acting, period_mm: float, sine: complex, cosine: complex) -> NDArray[Any]:

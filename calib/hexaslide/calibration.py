@@ -239,12 +239,6 @@ def _rms(values_m: FloatArray) -> float:
     return float(np.sqrt((values_m * values_m).mean()))
 
 
-def residuals_of(readings: Readings, machine: HexaSlide) -> Residuals:
-    """What a machine leaves of readings it was not fitted to. Raises UnreachablePosture."""
-    postures = postures_of(readings, machine)
-    return residuals(readings, machine, postures)[0]
-
-
 def corrected(
     nominal: HexaSlide, calibrated: HexaSlide, postures: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

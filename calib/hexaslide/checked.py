@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from calib.arrays import EXACT_BLIND, FloatArray
 from calib.hexaslide.arms import Numbers
-from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
+from calib.hexaslide.calibration import Calibration, calibrate
 from calib.hexaslide.geometry import (
     LAID_OVER,
     NAMES,
@@ -28,7 +28,7 @@ from calib.hexaslide.geometry import (
     with_values,
 )
 from calib.hexaslide.planning import fewest_postures
-from calib.hexaslide.residuals import Readings, Residuals, shares
+from calib.hexaslide.residuals import Readings, Residuals, postures_of, residuals, shares
 
 SPARE = 1.5
 """A fit keeps so many times the fewest postures before any is kept out of it."""
@@ -172,7 +172,11 @@ def checked_calibration(
     by_column, by_posture = shares(fitted, calibrated.machine.geometry, calibrated.after)
     if out.any():
         checked = readings.take(out)
-        left = (residuals_of(checked, machine) for machine in (nominal, calibrated.machine))
+        # no machine was fitted to these
+        left = (
+            residuals(checked, machine, postures_of(checked, machine))[0]
+            for machine in (nominal, calibrated.machine)
+        )
         held_out = HeldOut(checked.numbers, *left)
     return CheckedCalibration(
         start=nominal.parameters(calibrated.names),

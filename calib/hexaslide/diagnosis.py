@@ -428,7 +428,12 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
         names = sure_names or claims[0].causes
         best = next((entry for entry in entries if models.names(entry) == names), entries[0])
         after = models.mean_square(best)
-        verdict = _verdict(models.weights_of_names, sure_claims, after[1])
+        if after[1] < UNLIKELY:
+            verdict = "unexplained"
+        elif models.weights_of_names.get((), 0.0) >= AGREED:
+            verdict = "agrees"
+        else:
+            verdict = "explained" if sure_claims else "ambiguous"
         sizes = tuple(_cause_sizes(models, best))
         platform_m = _at_platform(models, best)
     return HexaSlideDiagnosis(
@@ -471,17 +476,6 @@ def _claims(weights: Mapping[Names, float]) -> Iterator[HexaSlideClaim]:
         remainder -= weight
         if remainder <= OPEN:
             break
-
-
-def _verdict(
-    weights: Mapping[Names, float], sure_claims: tuple[HexaSlideClaim, ...], p_after: float
-) -> Verdict:
-    """The verdict by the constants of `calib.diagnosis.thresholds`."""
-    if p_after < UNLIKELY:
-        return "unexplained"
-    if weights.get((), 0.0) >= AGREED:
-        return "agrees"
-    return "explained" if sure_claims else "ambiguous"
 
 
 def _cause_sizes(models: WeighedCauses, entry: ModelEntry) -> Iterator[CauseSize]:

@@ -188,7 +188,16 @@ class PapersDesign:
         """See `PlainDesign`."""
         carriage, tool, inverse = self._tool(parameters_mm)
         value, lever, reach, tool_across = self._readings(carriage, tool)
-        by_tool = self._tool_derivatives(parameters_mm, carriage, tool, inverse)
+        # derivatives of the tool (6, 3, n_postures, b); papers/000 (5) to (9). Row l of the matrix
+        # of (5) is p - q_l e_l: a diagonal and one column, so its inverse is written down
+        # (Sherman and Morrison)
+        turn = tool * inverse
+        turn /= 1.0 - turn.sum(axis=0)
+        gain = -inverse[None] * turn[:, None]
+        index = np.arange(3)
+        gain[index, index] -= inverse
+        lengths = (self.geometry.lengths[:, None] + parameters_mm[3:])[:, None, None, :]
+        by_tool = np.concatenate([(tool - carriage)[:, None] * gain, lengths * gain])
         flat = by_tool.reshape(6, -1, by_tool.shape[-1])
         share = lever / reach
         slope = tool_across / reach
@@ -232,23 +241,3 @@ class PapersDesign:
         reach = foot - flat_tool[self.along]
         value = tool_across * lever / reach - self.weight * flat_tool[self.zero_across]
         return value, lever, reach, tool_across
-
-    def _tool_derivatives(
-        self,
-        parameters_mm: FloatArray,
-        carriage: FloatArray,
-        tool: FloatArray,
-        inverse: FloatArray,
-    ) -> FloatArray:
-        """Derivatives of the tool ``(6, 3, n_postures, b)``; papers/000 (5) to (9).
-
-        Row l of the matrix of (5) is ``p - q_l e_l``: a diagonal and one column, so its inverse is
-        written down (Sherman and Morrison).
-        """
-        turn = tool * inverse
-        turn /= 1.0 - turn.sum(axis=0)
-        gain = -inverse[None] * turn[:, None]
-        index = np.arange(3)
-        gain[index, index] -= inverse
-        lengths = (self.geometry.lengths[:, None] + parameters_mm[3:])[:, None, None, :]
-        return np.concatenate([(tool - carriage)[:, None] * gain, lengths * gain])

@@ -26,6 +26,7 @@ from calib.tripod.effects.effect import (
     OfFoot,
     Placed,
     from_meeting_mm,
+    law_named,
     machine_kelvins,
     moved_foot,
     numbers,
@@ -273,12 +274,7 @@ def geometry_tolerances(
 
 def cyclic_of(names: Iterable[str]) -> ActuatorCyclic | None:
     """The law of any lead whose parameters have these names; None where there is none."""
-    ids = set(names)
-    leads = {match[1] for match in map(LEAD.fullmatch, ids) if match}
-    if len(leads) != 1 or not float(next(iter(leads))) > 0.0:  # a lead of 0 has the form, too
-        return None
-    law = ActuatorCyclic(float(leads.pop()))
-    return law if ids == {parameter.name for parameter in law.parameters} else None
+    return law_named(ActuatorCyclic, LEAD, names)
 
 
 def effects_of(effects: Iterable[Effect], geometry: Geometry) -> tuple[Effect, ...]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import permutations
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +100,9 @@ class Effect(Protocol):
         ``values`` in the units of `parameters`. Leading axes of ``stage_input`` and ``flow`` hold
         several machines; values may be complex.
         """
+
+
+AnyEffect = TypeVar("AnyEffect", bound=Effect)
 
 
 @dataclass(frozen=True)
@@ -333,6 +336,16 @@ class OfReading(Law):
     def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
         """Readings ``(..., n)``."""
         return np.asarray(off_mm * at_mount(at.flow, at.place))
+
+
+def law_named(
+    law_of: Callable[[float], AnyEffect], pattern: re.Pattern[str], names: Iterable[str]
+) -> AnyEffect | None:
+    """The law of a figure, such as a lead, whose parameters have these names; None without one."""
+    ids = set(names)
+    figures = {float(match[1]) for match in map(pattern.fullmatch, ids) if match}
+    laws = (law_of(figure) for figure in figures if figure > 0.0)
+    return next((law for law in laws if ids == {p.name for p in law.parameters}), None)
 
 
 def moved_foot(leg: int, towards: FloatArray, sideways_mm: NDArray[Any]) -> NDArray[Any]:

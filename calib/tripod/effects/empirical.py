@@ -27,6 +27,7 @@ from calib.tripod.effects.effect import (
     OfReading,
     hours,
     kelvins,
+    law_named,
     travel_mm,
     wave_mm,
 )
@@ -203,10 +204,8 @@ def empirical_effect(names: Iterable[str]) -> Empirical | Coupling | Repeating |
     ids = set(names)
     if ids == {parameter.name for parameter in Coupling.parameters}:
         return Coupling()
-    periods = {float(match[1]) for match in map(REPEATING.fullmatch, ids) if match}
-    if periods and min(periods) > 0.0:
-        law = Repeating(min(periods))
-        return law if ids == {parameter.name for parameter in law.parameters} else None
+    if repeating := law_named(Repeating, REPEATING, ids):
+        return repeating
     if not ids or not ids <= set(BASES) or len({BASES[n].stage for n in ids}) > 1:
         return None
     return Empirical(tuple(name for name in BASES if name in ids))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from calib.arrays import EXACT_BLIND, FloatArray
 from calib.hexaslide.arms import Numbers
 from calib.hexaslide.calibration import Calibration, calibrate
+from calib.hexaslide.derivatives import STEP
 from calib.hexaslide.geometry import (
     LAID_OVER,
     NAMES,
@@ -41,9 +42,6 @@ TURNS_M = 1e-3
 decide only on what moves none."""
 
 PAIRS = tuple(combinations(range(6), 2))
-
-STEP = 1e-30
-"""Complex step: nothing is subtracted, so it may be as small as numbers go."""
 
 
 @dataclass(frozen=True, eq=False)

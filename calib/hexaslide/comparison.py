@@ -17,8 +17,8 @@ from calib.hexaslide.checked import KnownValues, frames_apart, lengths_alone
 from calib.hexaslide.correction import lengths_of, moved_by, over_all
 from calib.hexaslide.diagnosis import FEWEST_SPARE, WeighedCauses
 from calib.hexaslide.geometry import HexaSlide
-from calib.hexaslide.platform import Places
-from calib.stats import COVERAGE, root_quantile, variance_ratio_p_value
+from calib.hexaslide.platform import Places, root_of
+from calib.stats import variance_ratio_p_value
 
 CHANGED = 0.01
 """Chance of a difference so large, below which the machine is taken as changed."""
@@ -120,11 +120,7 @@ def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine)
     roots_of_noise = [root for root in roots if root is not None]
     if is_determined and len(roots_of_noise) == len(machines):
         spread = np.hstack(roots_of_noise)
-        inner = spread.T @ spread
-        mean, variance = np.trace(inner), 2.0 * (inner**2).sum()
-        count = places[0].count
-        square_of_noise, its_variance = np.array([[mean], [variance / count]]) / count
-        chance_m = root_quantile(np.ones(1), square_of_noise, its_variance, COVERAGE)
+        chance_m = places[0].bound_m(spread)
         # what parameters do: what rarely acts beside them is no normal of its covariance
         vectors, sizes, _ = np.linalg.svd(places[0].moved, full_matrices=False)
         vectors = vectors[:, sizes > SHOWN * sizes[0]]
@@ -143,9 +139,3 @@ def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine)
         expanded_m=np.hypot(*halves) if is_determined and len(halves) == len(machines) else None,
         free=free,
     )
-
-
-def root_of(covariance: FloatArray) -> FloatArray:
-    """A root ``(c, c)`` of a covariance that need not be definite."""
-    square, axes = np.linalg.eigh(covariance)
-    return np.asarray(axes * np.sqrt(np.maximum(square, 0.0)))

@@ -54,6 +54,10 @@ class Criterion(StrEnum):
             Criterion.NOISE_AMPLIFICATION,
         )
 
+    def better(self, value: float, than: float) -> bool:
+        """Whether a value is better than another one."""
+        return value > than if self.larger_is_better else value < than
+
 
 @dataclass(frozen=True, eq=False)
 class Aim:
@@ -163,6 +167,14 @@ def value_of(information: FloatArray, aim: Aim) -> float:
 def inverse(matrix: FloatArray) -> FloatArray:
     """The inverse of a regular matrix."""
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+
+
+def value_or_none(information: FloatArray, aim: Aim) -> float | None:
+    """`value_of`, None where a wanted combination is not seen."""
+    try:
+        return value_of(information, aim)
+    except NotIdentifiable:
+        return None
 
 
 def values_of(covariance: FloatArray, aim: Aim) -> FloatArray:

@@ -112,8 +112,7 @@ def refine(
         progress(stage, len(powers))
     moved = unfolded(unit)
     judged_here = judged(rows_at(moved)[0], aim)
-    larger = aim.criterion.larger_is_better
-    if judged_here <= judged_start if larger else judged_here >= judged_start:
+    if not aim.criterion.better(judged_here, judged_start):
         moved, judged_here = start, judged_start
     return RefinedPostures(moved, judged_here, judged_start, count_on_bound(moved, lower, upper))
 

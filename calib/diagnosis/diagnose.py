@@ -299,8 +299,8 @@ class _Report:
             return None
         law = descending([*likely], likely.__getitem__)[0]
         # guessed names may already do what it does: then by itself
-        for names, beside in ((adopted, leftover or self.before), ((), self.before)):
-            finding = self._finding((law,), likely[law], names, beside.rms_mm(beside.left))
+        for names, start in ((adopted, leftover or self.before), ((), self.before)):
+            finding = self._finding((law,), likely[law], names, start.rms_mm(start.left))
             if finding.lowers_the_gap:
                 break
         else:

@@ -42,8 +42,8 @@ class MeasuredMachine:
         if models is None:
             if calibrated.covariance is None:
                 return np.zeros(len(places.moved)), None
-            count = places.moved.shape[1]
-            return np.zeros(len(places.moved)), places.moved @ self._root[:count]
+            root = self._inflation * root_of(calibrated.covariance)
+            return np.zeros(len(places.moved)), places.moved @ root[: places.moved.shape[1]]
         acting = moved_by(models, places) @ models.given_way + over_all(models, places)
         by_noise = moved_by(models, places) @ models.directions.inverse
         mean, covariance = models.mixture()
@@ -58,12 +58,6 @@ class MeasuredMachine:
     def tells(self) -> bool:
         """Whether readings leave nothing open but frames, and would show what bends the rest."""
         return not self.calibration.left_open and self.calibration.free_values >= FEWEST_SPARE
-
-    @property
-    def _root(self) -> FloatArray:
-        covariance = self.calibration.covariance
-        assert covariance is not None, "asked for with one alone"
-        return self._inflation * root_of(covariance)
 
     @property
     def _inflation(self) -> float:

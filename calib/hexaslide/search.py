@@ -148,15 +148,10 @@ class Space:
     """Postures in the box, by their coordinates ``(p, 6)``, and the limits of the sliders."""
 
     def __init__(self, maker: RowMaker, machine: HexaSlide, *, few: bool) -> None:
-        self._maker, self._few = maker, few
+        self._maker, self._few, self.procedure = maker, few, maker.procedure
         self.machine, self.width = machine, maker.width
         self.lower, self.upper = machine.box.lower, machine.box.upper
         self._limited = bool(np.isfinite(machine.travel_m).any())
-
-    @property
-    def procedure(self) -> Procedure:
-        """What is read."""
-        return self._maker.procedure
 
     def random(self, count: int, generator: np.random.Generator) -> FloatArray:
         """Postures ``(count, 6)`` where a search may begin. Raises CalibrationError."""
@@ -362,14 +357,13 @@ def searches(
         refined_postures = _taken_back(space, begin, refined_postures, aim)
         return space.postures(refined_postures.coordinates), refined_postures
 
-    sign = 1.0 if search.criterion.larger_is_better else -1.0
     best: BestPostures | None = None
     values: tuple[float, ...] = ()
     for begin, (end, optimum) in zip(
         begins, clusters.in_parallel(refined, list(enumerate(begins))), strict=True
     ):
         values += (optimum.value,)
-        if best is None or sign * optimum.value > sign * best.refined.value:
+        if best is None or search.criterion.better(optimum.value, best.refined.value):
             best = _described(space, search, begin, end, optimum)
         best = replace(best, values=values, seconds=time.perf_counter() - began)
         yield best
@@ -449,7 +443,7 @@ def _taken_back(
         within, beyond = np.where(fits, middle, within), np.where(fits, beyond, middle)
     moved = np.where(allowed[:, None], refined.coordinates, begin + within * way)
     value = judged(space.rows(moved)[0], aim)
-    if (value <= refined.start_value) == aim.criterion.larger_is_better:
+    if not aim.criterion.better(value, refined.start_value):
         moved, value = begin, refined.start_value
     on_bound = count_on_bound(moved, space.lower, space.upper)
     return RefinedPostures(moved, value, refined.start_value, on_bound)

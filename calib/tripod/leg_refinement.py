@@ -49,11 +49,7 @@ def move_off_grid(
     figures_before, figures_after = (
         judged(judged_postures.rows / noise_mm, aim) for judged_postures in (postures, rounded)
     )
-    better = (
-        figures_after > figures_before
-        if aim.criterion.larger_is_better
-        else figures_after < figures_before
-    )
+    better = aim.criterion.better(figures_after, figures_before)
     better &= _different(rounded) == _different(postures)  # a short travel has few tenths
     on_bar = grid.geometry.on_bar(rounded.leg, rounded.station, rounded.displacement_mm)
     return rounded if better and on_bar.all() else postures

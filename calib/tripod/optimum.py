@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
 
 from calib.arrays import LEG_NAMES, FloatArray, IntArray, descending, numbered
-from calib.design.criteria import Aim, Criterion, value_of, wanted_information
+from calib.design.criteria import Aim, Criterion, value_or_none, wanted_information
 from calib.design.exchange import Candidates, ChosenCandidates, choose
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.tripod.geometry import Pair
@@ -168,8 +167,8 @@ class _Search:
         """
         candidates = self.candidates(pool)
         for place in np.unique(pool.place):
-            with suppress(NotIdentifiable):
-                value_of(candidates.information(np.flatnonzero(pool.place == place)), self.aim)
+            information = candidates.information(np.flatnonzero(pool.place == place))
+            if value_or_none(information, self.aim) is not None:
                 return PARAMETERS // 2 + 1
         return PARAMETERS // 2 + 2
 
@@ -325,10 +324,7 @@ def _walked(passes: list[list[Visit]], ends_mm: Pair, *, up_first: bool) -> list
 
 def _figures(information: FloatArray, aim: Aim, minutes: float, count: int) -> Figures:
     def judged(criterion: Criterion) -> float | None:
-        try:
-            return value_of(information, Aim(criterion, None, aim.metric))
-        except NotIdentifiable:
-            return None
+        return value_or_none(information, Aim(criterion, None, aim.metric))
 
     variance = judged(Criterion.TOOL_VARIANCE)
     return Figures(

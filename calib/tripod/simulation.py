@@ -71,8 +71,7 @@ class SimulatedMachine:
             for mount, along in zip(mounts, to.along_mm.tolist(), strict=True)
         ]
         scatter = generator.normal(scale=self.scatter_mm, size=len(zeros))
-        values: list[float] = (exact + zeros + scatter).tolist()
-        return values
+        return [*(exact + zeros + scatter).tolist()]
 
     def _of_mount(self, purpose: int, mount: str, spread: float) -> float:
         """A mounting's zero, mm, or the tilt of the plane under it, by the stream's purpose."""

@@ -204,11 +204,6 @@ def at_mount(flow: Flow, place: str) -> FloatArray:
     return np.asarray(rows, dtype=np.float64)
 
 
-def hours(conditions: Conditions) -> FloatArray:
-    """Hours from the start of the session ``(n,)``; NaN where not known."""
-    return np.asarray(conditions.time_s / 3600.0)
-
-
 def kelvins(conditions: Conditions) -> FloatArray:
     """Temperature of each reading above 20 °C ``(n,)``; NaN where not known."""
     return np.asarray(conditions.temperature_c - 20.0)  # the reference of ISO 1

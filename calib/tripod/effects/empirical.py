@@ -25,7 +25,6 @@ from calib.tripod.effects.effect import (
     Law,
     OfCarriage,
     OfReading,
-    hours,
     kelvins,
     law_named,
     travel_mm,
@@ -125,7 +124,7 @@ def _column(name: str, at: Acting) -> FloatArray:
         case "up_less_down":
             return np.asarray(conditions.approach / 2.0)
         case "per_hour":
-            return np.nan_to_num(hours(conditions))
+            return np.nan_to_num(conditions.time_s / 3600.0)
         case "per_kelvin":
             return np.nan_to_num(kelvins(conditions))
     of_reading = basis.stage == Stage.READING

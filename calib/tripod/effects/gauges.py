@@ -24,7 +24,6 @@ from calib.tripod.effects.effect import (
     OfReading,
     OfTouch,
     Placed,
-    hours,
     kelvins,
     mounts,
     numbers,
@@ -163,8 +162,8 @@ class DriftOfStand(OfReading):
         return PER_THOUSAND * at.values[0] * np.where(unknown, 0.0, figure)
 
     def wanders_with(self, conditions: Conditions) -> FloatArray:
-        """Hours ``(n,)``."""
-        return hours(conditions)
+        """Hours ``(n,)`` from the start of the session; NaN where not known."""
+        return np.asarray(conditions.time_s / 3600.0)
 
 
 @dataclass(frozen=True)

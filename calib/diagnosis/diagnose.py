@@ -20,7 +20,7 @@ from calib.arrays import (
     without_means,
 )
 from calib.diagnosis.claims import NAMES, WITHIN, Claims, NamedVerdict, name_of
-from calib.diagnosis.gap import AGREEMENT, Leftover, locate, residuals, timed_laws, where_words
+from calib.diagnosis.gap import AGREEMENT, Leftover, locate, residuals, where_words
 from calib.diagnosis.held_out import left_out_postures, on_other_sessions
 from calib.diagnosis.pattern import repeats_words, shared_pattern
 from calib.diagnosis.results import (
@@ -42,7 +42,7 @@ from calib.noise.reading import still_rows
 from calib.posterior.apart import Mistake
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.models import Posterior
-from calib.posterior.readings import LENGTHS
+from calib.posterior.readings import LENGTHS, depends_on_time
 from calib.posterior.selection import LOG_SCALES, SCALES, log_causes
 from calib.stats import UNLIKELY, mixture_moments
 from calib.tripod.effects.drives import ActuatorCyclic
@@ -93,8 +93,8 @@ class _Report:
         self.posterior, self.others = posterior, held_out_sessions
         self.components = posterior.components
         self.claims = Claims.of(posterior)
-        laws = [share.effect for component in self.components for share in component.shares]
-        self.timed = timed_laws(laws)
+        laws = (share.effect for component in self.components for share in component.shares)
+        self.timed = tuple(filter(depends_on_time, dict.fromkeys(laws)))
         self.sessions = [cells.with_free_lines for cells in posterior.sessions]
         self.before = Leftover.of(self.sessions, (), self.timed)
         self.answer = self._checked(self.claims.answer())

@@ -35,7 +35,7 @@ from calib.diagnosis.results import Cell, CellResiduals, Gap, GapPart
 from calib.identify.fit import prior_fit
 from calib.posterior.cells import Cells
 from calib.posterior.gaussian import About
-from calib.posterior.readings import LENGTHS, Rows, depends_on_time, rows_of
+from calib.posterior.readings import LENGTHS, Rows, rows_of
 from calib.stats import variance_ratio_p_value
 from calib.tripod.effects.candidates import placed_columns
 from calib.tripod.effects.effect import Effect, EffectInstance, Placed
@@ -240,11 +240,6 @@ def _fitted(rows: Rows, bars: BarLengths | None, sizes: FloatArray) -> About:
         expected[:LENGTHS] = np.linalg.solve(bars.root_mm, away)
     expected = np.concatenate([expected, np.zeros(sizes.shape[1])])
     return About.of(np.hstack([base, sizes]), rows.residual, expected)
-
-
-def timed_laws(laws: Sequence[Effect]) -> tuple[Effect, ...]:
-    """The laws of which readings of one cell may differ."""
-    return tuple(law for law in dict.fromkeys(laws) if depends_on_time(law))
 
 
 def locate(leftover: Leftover) -> tuple[GapPart, ...]:

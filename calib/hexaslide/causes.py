@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.arrays import FloatArray
 from calib.hexaslide.arms import Turn, transposed
-from calib.hexaslide.geometry import CHAINS, Geometry, HexaSlide, Legs, legs
+from calib.hexaslide.geometry import CHAINS, Geometry, HexaSlide, legs
 from calib.hexaslide.procedures import COMPONENTS
 from calib.hexaslide.residuals import Readings, postures_of, read_at
 
@@ -110,6 +110,7 @@ def causes_of_machine(
     """
     effects = _Effects(readings, machine, postures)
     sliders, at = readings.sliders, legs(machine.geometry, postures)
+    unit = at.arms.unit
     telescopic = machine.geometry.telescopic
     part = machine.geometry.part
     from_middle = sliders - middle
@@ -121,8 +122,15 @@ def causes_of_machine(
         yield effects.of_sliders(f"{part}_scale", where, ("scale",), "mm/m", UNIT_SCALE, scale)
         id_of_play = "leg_backlash" if telescopic else "backlash"
         yield effects.of_sliders(id_of_play, where, ("play",), "mm", UNIT_LENGTH_M, play)
-        if not telescopic:
-            yield from _of_rail(effects, machine.geometry, at, from_middle, k)
+        if not telescopic:  # what only a rail and the joint on its carriage can have
+            across = [np.linalg.norm(unit - machine.geometry.rails, axis=-1) * of_rail]
+            yield effects.of_sliders(
+                "joint_offset", where, ("offset",), "mm", UNIT_LENGTH_M, across
+            )
+            bow, sides = (from_middle / BOW_M) ** 2, _sides(machine.geometry, k)
+            bows = [bow * (unit[:, k] @ side)[:, None] * of_rail for side in sides]
+            names = ("side 1", "side 2")
+            yield effects.of_sliders("straightness", where, names, "mm", UNIT_LENGTH_M, bows)
         if lead_m is not None:
             angle = 2.0 * np.pi * sliders / lead_m
             waves = [np.sin(angle) * of_rail, np.cos(angle) * of_rail]
@@ -132,19 +140,6 @@ def causes_of_machine(
     growth = [time * (at.lean if telescopic else sliders)]
     where = f"all {part}s"
     yield effects.of_sliders("thermal_growth", where, ("growth",), "mm/m", UNIT_GROWTH, growth)
-
-
-def _of_rail(
-    effects: _Effects, geometry: Geometry, at: Legs, from_middle: FloatArray, k: int
-) -> Iterator[HexaSlideCause]:
-    """What only a rail and the joint on its carriage can have."""
-    of_rail, where, unit = np.eye(CHAINS)[k], f"rail {k + 1}", at.arms.unit
-    across = [np.linalg.norm(unit - geometry.rails, axis=-1) * of_rail]
-    yield effects.of_sliders("joint_offset", where, ("offset",), "mm", UNIT_LENGTH_M, across)
-    bow = (from_middle / BOW_M) ** 2
-    bows = [bow * (unit[:, k] @ side)[:, None] * of_rail for side in _sides(geometry, k)]
-    names = ("side 1", "side 2")
-    yield effects.of_sliders("straightness", where, names, "mm", UNIT_LENGTH_M, bows)
 
 
 class _Effects:

@@ -150,7 +150,13 @@ class _Search:
 
     def check_count(self, pool: LegPool) -> None:
         """Raises ImpossibleRequest for more postures than there are, or too few for any choice."""
-        least = self._least_count(pool)
+        # a step gives two readings, and the first one of a mounting shows its zeros alone
+        candidates, places = self.candidates(pool), np.unique(pool.place)
+        informations = (
+            candidates.information(np.flatnonzero(pool.place == place)) for place in places
+        )
+        alone = any(value_or_none(info, self.aim) is not None for info in informations)
+        least = PARAMETERS // 2 + (1 if alone else 2)  # mountings, where none sees everything
         most_words = "" if self.repeats else f", to {len(pool)}, the number of candidates"
         if self.count < least or (self.count > len(pool) and not self.repeats):
             raise ImpossibleRequest(
@@ -159,18 +165,6 @@ class _Search:
                 f"{least}, the fewest that can determine {PARAMETERS} parameters{most_words}",
                 "" if self.count < least else "Or add --repeats.",
             )
-
-    def _least_count(self, pool: LegPool) -> int:
-        """A step gives two readings, and the first one of a mounting shows its zeros alone.
-
-        One mounting, or two where none sees every parameter.
-        """
-        candidates = self.candidates(pool)
-        for place in np.unique(pool.place):
-            information = candidates.information(np.flatnonzero(pool.place == place))
-            if value_or_none(information, self.aim) is not None:
-                return PARAMETERS // 2 + 1
-        return PARAMETERS // 2 + 2
 
     def minutes(self, pool: LegPool, subset: Sequence[int]) -> float:
         """Steps, with those where the way turns, and set-up of each mounting."""

@@ -4,29 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from calib.arrays import FloatArray
-from calib.tripod.geometry import Geometry, Three, Triple, trilaterate
+from calib.tripod.geometry import Geometry, Three, Triple
 from protocols.machine import load_machine
 
 ORTHOGLIDE = Geometry()
 DELTA = load_machine("linear-delta").geometry()
-
-
-def direct(
-    geometry: Geometry, carriage_mm: ArrayLike, length_error_mm: ArrayLike = 0.0
-) -> FloatArray:
-    """Tool position ``(..., 3)`` for carriage positions ``(..., 3)``; undoes `inverse`.
-
-    ``length_error_mm`` ``(..., 3)`` is added to the nominal lengths. Raises UnreachablePosture
-    where the bars cannot meet.
-    """
-    carriage = np.asarray(carriage_mm, dtype=np.float64)
-    lengths = geometry.lengths + np.asarray(length_error_mm, dtype=np.float64)
-    feet = geometry.origins + geometry.directions * carriage[..., :, None]
-    return trilaterate(feet - geometry.platform, lengths, geometry.side)
 
 
 def _round(vectors: Three) -> Three:

@@ -414,6 +414,20 @@ def inverse(geometry: Geometry, tool_mm: ArrayLike) -> FloatArray:
     return np.asarray(along + np.sqrt(reach))
 
 
+def direct(
+    geometry: Geometry, carriage_mm: ArrayLike, length_error_mm: ArrayLike = 0.0
+) -> FloatArray:
+    """Tool position ``(..., 3)`` for carriage positions ``(..., 3)``; undoes `inverse`.
+
+    ``length_error_mm`` ``(..., 3)`` is added to the nominal lengths. Raises UnreachablePosture
+    where the bars cannot meet.
+    """
+    carriage = np.asarray(carriage_mm, dtype=np.float64)
+    lengths = geometry.lengths + np.asarray(length_error_mm, dtype=np.float64)
+    feet = geometry.origins + geometry.directions * carriage[..., :, None]
+    return trilaterate(feet - geometry.platform, lengths, geometry.side)
+
+
 def trilaterate(
     foot_mm: NDArray[Any], leg_length_mm: NDArray[Any], side: float, *, refuse: bool = True
 ) -> NDArray[Any]:

@@ -23,13 +23,12 @@ from app.report.text.caveats import caveats
 from app.report.text.diagnosis import diagnosis_text
 from calib.arrays import FloatArray
 from calib.tripod.controller import left_by_tables_mm
-from calib.tripod.geometry import Geometry
+from calib.tripod.geometry import Geometry, direct
 from calib.tripod.workspace import workspace_points
 from protocols.effect_entries import EffectEntry, ParameterEntry
 from protocols.journal import write_whole
 from protocols.model_file import ModelFile, read_model_file
 from tests.conftest import LONG
-from tests.tripods import direct
 
 OFFSETS_MM = (0.4, -0.3, 0.2)
 LENGTHS_MM = (0.03, -0.05, 0.02)

@@ -20,10 +20,9 @@ from calib.arrays import FloatArray
 from calib.errors import UsageError
 from calib.identify.solution import Subset
 from calib.posterior.tool import Frame
-from calib.tripod.geometry import Geometry, inverse
+from calib.tripod.geometry import Geometry, direct, inverse
 from calib.tripod.workspace import workspace_points
 from tests.conftest import LONG
-from tests.tripods import direct
 
 PLAY_MM = 0.1
 

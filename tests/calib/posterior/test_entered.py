@@ -23,14 +23,14 @@ from calib.posterior.posterior import posterior
 from calib.posterior.tool import FRAMES, Frame
 from calib.tripod.effects.drives import ActuatorCyclic, AxisOffset, AxisSquareness, Backlash
 from calib.tripod.effects.effect import EffectInstance
-from calib.tripod.geometry import inverse
+from calib.tripod.geometry import direct, inverse
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model
 from calib.tripod.towers import ON_ONE_CIRCLE, entered
 from calib.tripod.workspace import workspace_points
 from tests.builders import conditions_of, observed
 from tests.calib.tripod.test_linear_delta import rings
-from tests.tripods import DELTA, ORTHOGLIDE, direct
+from tests.tripods import DELTA, ORTHOGLIDE
 
 FIGURES = IndicatorFigures(repeatability_mm=0.002)
 TOLERANCES = np.array([2.0, 2.0, 2.0, 0.1, 0.1, 0.1])

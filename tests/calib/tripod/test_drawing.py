@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from calib.arrays import FloatArray, conditions
 from calib.errors import CalibrationError
 from calib.tripod.drawing import Lines, set_up_lines, view
-from calib.tripod.geometry import Geometry, Three, Triple
+from calib.tripod.geometry import Geometry, Three, Triple, direct
 from calib.tripod.pipeline import Model
-from tests.tripods import DELTA, direct
+from tests.tripods import DELTA
 
 ORTHOGLIDE = Geometry()
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from calib.arrays import FloatArray
 from calib.errors import UnreachablePosture
-from calib.tripod.geometry import Geometry, inverse, tool_jacobians, trilaterate
-from tests.tripods import TRIPODS, direct
+from calib.tripod.geometry import Geometry, direct, inverse, tool_jacobians, trilaterate
+from tests.tripods import TRIPODS
 
 L = 310.25
 ORTHOGLIDE = Geometry()

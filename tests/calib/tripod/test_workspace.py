@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib.errors import CalibrationError
-from calib.tripod.geometry import Geometry, inverse
+from calib.tripod.geometry import Geometry, direct, inverse
 from calib.tripod.workspace import (
     distortion,
     largest_cube,
@@ -25,7 +25,7 @@ from calib.tripod.workspace import (
 )
 from tests.conftest import LONG
 from tests.protocols.test_on_bar import machines
-from tests.tripods import DELTA, ORTHOGLIDE, TRIPODS, direct
+from tests.tripods import DELTA, ORTHOGLIDE, TRIPODS
 
 L_MM = 310.25
 UNLIMITED = Geometry(travel_min_mm=-300.0, travel_max_mm=300.0)

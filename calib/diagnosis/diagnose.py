@@ -450,13 +450,13 @@ class _Report:
             first = LENGTHS + 3 * number
             entered_mm = cells.case.model.parameters_mm[:3]
             off_mm = expected_mm[first : first + 3] - entered_mm
-            for leg, off, allowed in zip(
+            for leg, off, tolerance in zip(
                 LEG_NAMES, off_mm, cells.case.tolerance_mm[:3], strict=True
             ):
-                if abs(off) > FAR_OFF * allowed:
+                if abs(off) > FAR_OFF * tolerance:
                     yield (
                         f"the joint offset of {leg} comes out {off:+.1f} mm off, the machine file"
-                        f" allows {allowed:g} mm: look how it was entered"
+                        f" allows {tolerance:g} mm: look how it was entered"
                     )
 
     def _smallest_detectable(self) -> dict[str, Detectable | None]:

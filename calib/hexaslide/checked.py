@@ -171,11 +171,11 @@ def checked_calibration(
     if out.any():
         checked = readings.take(out)
         # no machine was fitted to these
-        left = (
+        residuals_out = (
             residuals(checked, machine, postures_of(checked, machine))[0]
             for machine in (nominal, calibrated.machine)
         )
-        held_out = HeldOut(checked.numbers, *left)
+        held_out = HeldOut(checked.numbers, *residuals_out)
     return CheckedCalibration(
         start=nominal.parameters(calibrated.names),
         fit=calibrated,

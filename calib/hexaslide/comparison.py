@@ -103,11 +103,11 @@ def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine)
         dict.fromkeys(name for machine in machines for name in machine.calibration.unidentifiable)
     )
     places = [Places.of(reference, machine.calibration.machine, free) for machine in machines]
-    beside, roots = zip(
+    effects, roots = zip(
         *(machine.at(at) for machine, at in zip(machines, places, strict=True)), strict=True
     )
     shift = frames_apart(places[0].postures, places[1].postures, free).apart_m.ravel()
-    off = places[0].without_frames(shift + beside[1] - beside[0])
+    off = places[0].without_frames(shift + effects[1] - effects[0])
     square = (off.reshape(-1, 3) ** 2).sum(axis=1)
     chance_m = p_value = None
     is_determined = all(machine.tells for machine in machines)

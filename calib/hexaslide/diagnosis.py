@@ -292,8 +292,8 @@ def weighed(
         noisy, larger, square = models, 1.0, left_over[0]
         for _ in range(MOST_LARGER):
             larger *= square**0.5
-            other = readings.noisier(larger)
-            noisy = _weighed(other, nominal, tolerances, lead_m, adopted, middle)
+            noisier = readings.noisier(larger)
+            noisy = _weighed(noisier, nominal, tolerances, lead_m, adopted, middle)
             square = noisy.mean_square(noisy.entries[0])[0]  # in this noise
             if square < SETTLED:
                 break
@@ -391,16 +391,16 @@ def _entries(models: WeighedCauses, looked_for: Sequence[int]) -> Iterator[Model
     """Models of causes ``looked_for``, the ``free`` ones in each of them."""
     selection, free = models.selection, models.free
     products = selection.products
-    taken = products.taken_by(models.index(free), models.scale(free), slice(None))
-    beside = Products(
-        products.inner - taken.shown.T @ taken.shown,
-        products.along - taken.along @ taken.shown,
-        products.square - float(taken.along @ taken.along),
+    fitted = products.taken_by(models.index(free), models.scale(free), slice(None))
+    remainder = Products(
+        products.inner - fitted.shown.T @ fitted.shown,
+        products.along - fitted.along @ fitted.shown,
+        products.square - float(fitted.along @ fitted.along),
     )
     columns, prior = [selection.columns[k] for k in looked_for], selection.log_prior[[*looked_for]]
     further = replace(
         selection,
-        products=beside,
+        products=remainder,
         columns=columns,
         log_prior=prior,
         acting=len(free.members),

@@ -302,9 +302,9 @@ class LinkSpace(Space):
     def allowed(self, coordinates: FloatArray) -> NDArray[np.bool_]:
         """Which postures are in the box ``(p,)``."""
         postures = self.postures(coordinates)
-        allowed = between(self.machine.box, postures)
-        allowed[allowed] = super().allowed(postures[allowed])
-        return allowed
+        inside = between(self.machine.box, postures)
+        inside[inside] = super().allowed(postures[inside])
+        return inside
 
     def pulled(self, postures: FloatArray, slopes: FloatArray) -> FloatArray:
         """Derivatives by the coordinates, z following, from those by the postures ``(p, 6)``."""
@@ -433,15 +433,15 @@ def _taken_back(
 ) -> RefinedPostures:
     """Coordinates that pass a limit moved back towards where they began until they do not."""
     way = refined.coordinates - begin
-    allowed = space.allowed(refined.coordinates)
-    if allowed.all():
+    fits_there = space.allowed(refined.coordinates)
+    if fits_there.all():
         return refined
     within, beyond = np.zeros((len(begin), 1)), np.ones((len(begin), 1))
     for _ in range(HALVINGS):
         middle = (within + beyond) / 2.0
         fits = space.allowed(begin + middle * way)[:, None]
         within, beyond = np.where(fits, middle, within), np.where(fits, beyond, middle)
-    moved = np.where(allowed[:, None], refined.coordinates, begin + within * way)
+    moved = np.where(fits_there[:, None], refined.coordinates, begin + within * way)
     value = judged(space.rows(moved)[0], aim)
     if not aim.criterion.better(value, refined.start_value):
         moved, value = begin, refined.start_value

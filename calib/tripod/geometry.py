@@ -386,8 +386,8 @@ class Geometry:
 
     def _outwards(self, drive: int) -> tuple[FloatArray, ...]:
         """Ways from the tool to a drive; if it goes through the tool, away from the others."""
-        others = self.directions.sum(axis=0) - self.directions[drive]
-        return self.anchors[drive], -others, *np.eye(3)
+        sum_of_others = self.directions.sum(axis=0) - self.directions[drive]
+        return self.anchors[drive], -sum_of_others, *np.eye(3)
 
     def _across(self, drive: int, *ways: FloatArray) -> FloatArray:
         """Unit vector ``(3,)`` across a drive, along the first of these ways that leads across."""

@@ -65,7 +65,7 @@ def _bases() -> Iterator[Basis]:
         yield Basis(size, f"{text} travel", Stage.ACTUATOR)
 
 
-BASES: dict[str, Basis] = {one.parameter.name: one for one in _bases()}
+BASES: dict[str, Basis] = {basis.parameter.name: basis for basis in _bases()}
 """By the name of the parameter."""
 
 

@@ -1,9 +1,9 @@
 """The one forward simulation: command → actuator → foot → tool → touched point → reading.
 
-Each stage is a property of a `Flow`. All readings of a session pass at once, ``n`` of them; an
-optional leading batch axis ``(..., )`` holds many machines. An effect changes what one stage hands
-on and nothing else; the base parameters enter in the actuator stage (joint offsets) and in the
-tool stage (leg lengths).
+Each stage is a property of a `Flow`; `simulate` reads the last one. All readings of a session pass
+at once, ``n`` of them; an optional leading batch axis ``(..., )`` holds many machines. An effect
+changes what one stage hands on and nothing else; the base parameters enter in the actuator stage
+(joint offsets) and in the tool stage (leg lengths).
 
 Identification, the simulated rig, replay and derivatives all call `simulate`. Every stage is
 written so that complex numbers pass through it, so `derivatives` needs no formula of its own.
@@ -74,7 +74,7 @@ class Flow:
     command_mm: FloatArray
     effects: Sequence[StageEffect] = ()
 
-    def _through(self, stage: Stage, stage_input: NDArray[Any]) -> NDArray[Any]:
+    def through(self, stage: Stage, stage_input: NDArray[Any]) -> NDArray[Any]:
         """``stage_input`` after every effect of this stage."""
         for effect in self.effects:
             if effect.stage == stage:
@@ -85,14 +85,14 @@ class Flow:
     def carriage_mm(self) -> NDArray[Any]:
         """Carriage positions ``(..., n, 3)``: command plus joint offset."""
         offset = np.asarray(self.parameters_mm)[..., None, :3]
-        return self._through(Stage.ACTUATOR, self.command_mm + offset)
+        return self.through(Stage.ACTUATOR, self.command_mm + offset)
 
     @cached_property
     def foot_mm(self) -> NDArray[Any]:
         """Feet of the bars ``(..., n, 3 legs, 3)``: each carriage on the line of its drive."""
         geometry = self.geometry
         feet = geometry.origins + self.carriage_mm[..., :, None] * geometry.directions
-        return self._through(Stage.FOOT, feet)
+        return self.through(Stage.FOOT, feet)
 
     @cached_property
     def tool_mm(self) -> NDArray[Any]:
@@ -101,7 +101,7 @@ class Flow:
         lengths = geometry.lengths + np.asarray(self.parameters_mm)[..., None, 3:]
         rows = np.broadcast_to(lengths, (*lengths.shape[:-2], len(self.taken), 3))
         feet = self.foot_mm - geometry.platform
-        return trilaterate(feet, self._through(Stage.TOOL, rows), geometry.side)
+        return trilaterate(feet, self.through(Stage.TOOL, rows), geometry.side)
 
     @cached_property
     def _joint_mm(self) -> FloatArray:
@@ -142,7 +142,7 @@ class Flow:
     def touched_mm(self) -> NDArray[Any]:
         """The point of the bar, or of the tool, under the indicator ``(..., n, 3)``."""
         end, foot = self.bar_mm
-        return self._through(Stage.TOUCH, end + self.fraction[..., None] * (foot - end))
+        return self.through(Stage.TOUCH, end + self.fraction[..., None] * (foot - end))
 
     def moved_along(self, touched_mm: NDArray[Any], along: FloatArray) -> NDArray[Any]:
         """How far a touched point is from that at Zero ``(..., n)``, along ``(n, 3)``.
@@ -151,12 +151,6 @@ class Flow:
         """
         zero = np.where(self.taken.over_plane, 0.0, dot(self.mounted_mm, along))
         return np.asarray(dot(touched_mm, along) - zero)
-
-    @cached_property
-    def reading_mm(self) -> NDArray[Any]:
-        """What the indicator shows ``(..., n)``: how far the touched point moved along its axis."""
-        along = measuring_directions(self.geometry, self.taken)
-        return self._through(Stage.READING, self.moved_along(self.touched_mm, along))
 
 
 def simulate(
@@ -174,7 +168,8 @@ def simulate(
     """
     with_zero = _append_zero_rows(geometry, conditions)
     flow = Flow(geometry, parameters_mm, with_zero, command(geometry, with_zero), effects)
-    return flow.reading_mm[..., : len(conditions)]
+    moved_mm = flow.moved_along(flow.touched_mm, measuring_directions(geometry, with_zero))
+    return flow.through(Stage.READING, moved_mm)[..., : len(conditions)]
 
 
 def command(geometry: Geometry, conditions: Conditions) -> FloatArray:

@@ -453,7 +453,8 @@ def trilaterate(
         (along_second * across + along_third * crossed) / normal_square
         for across, crossed in zip(cross(to_third, normal), cross(normal, to_second), strict=True)
     ]
-    height_square = square[..., 0] - sum(part * part for part in in_plane)
+    x, y, z = in_plane
+    height_square = square[..., 0] - (x * x + y * y + z * z)
     if not refuse:
         height_square = np.where(height_square.real >= 0.0, height_square, np.nan)
     elif height_square.size and not height_square.real.min() >= 0.0:

@@ -13,9 +13,9 @@ from pydantic import AfterValidator, Field, model_validator
 
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError, RecordError, UsageError
-from calib.tripod.effects.contacts import contact_tolerances
 from calib.tripod.effects.drives import geometry_tolerances
 from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.gauges import contact_tolerances
 from calib.tripod.geometry import USABLE_BAR, Geometry
 from protocols.documents import (
     LARGEST_MM,

@@ -14,11 +14,12 @@ from calib.hexaslide.correction import correction_of
 from calib.hexaslide.diagnosis import (
     FEWEST_SPARE,
     HexaSlideDiagnosis,
+    LeftOutGap,
     Names,
     WeighedCauses,
     diagnosis_from,
+    left_out_gap,
 )
-from calib.hexaslide.held_out import LeftOutGap, left_out_gap
 from calib.hexaslide.platform import PlatformError
 from protocols.effect_entries import (
     EffectEntry,

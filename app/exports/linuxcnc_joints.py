@@ -12,8 +12,14 @@ from dataclasses import dataclass
 from app.report.offsets import Offsets
 from calib.arrays import LEG_NAMES
 from calib.errors import RecordError, UsageError
-from calib.tripod.controller import ControllerJoint, ControllerJoints, JointEntries
-from calib.tripod.joint_travel import JointTravel, Switch, travel_of
+from calib.tripod.controller import (
+    ControllerJoint,
+    ControllerJoints,
+    JointEntries,
+    JointTravel,
+    Switch,
+    travel_of,
+)
 
 NOT_CHECKED = (
     "Not checked without an INI file (--ini): which joint moves which drive, travel, limits, and "

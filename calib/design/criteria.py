@@ -54,6 +54,10 @@ class Criterion(StrEnum):
             Criterion.NOISE_AMPLIFICATION,
         )
 
+    def better(self, value: float, than: float) -> bool:
+        """Whether a value is better than another one."""
+        return value > than if self.larger_is_better else value < than
+
 
 @dataclass(frozen=True, eq=False)
 class Aim:
@@ -67,28 +71,22 @@ class Aim:
     wanted: tuple[int, ...] | None = None
     metric: FloatArray | None = None
 
-    def columns(self, count: int) -> list[int]:
-        """Indices of the wanted parameters. Raises CalibrationError where they do not fit."""
-        columns = list(range(count)) if self.wanted is None else list(self.wanted)
-        if not columns or len(set(columns)) < len(columns) or not set(columns) <= set(range(count)):
+    def parts(self, count: int) -> tuple[list[int], list[int]]:
+        """Indices of the wanted parameters, and of the nuisance.
+
+        Raises CalibrationError where they, or the metric of them, do not fit.
+        """
+        keep = list(range(count)) if self.wanted is None else list(self.wanted)
+        if not keep or len(set(keep)) < len(keep) or not set(keep) <= set(range(count)):
             raise CalibrationError(
                 "wanted parameters", str(self.wanted), f"different numbers from 0 to {count - 1}"
             )
-        self._check_metric(len(columns))
-        return columns
-
-    def nuisance(self, count: int) -> list[int]:
-        """Indices of the parameters that do not count."""
-        return sorted(set(range(count)) - set(self.columns(count)))
-
-    def _check_metric(self, count: int) -> None:
-        if self.criterion is not Criterion.TOOL_VARIANCE:
-            return
-        shape = None if self.metric is None else self.metric.shape
-        if shape != (count, count):
+        size, shape = len(keep), None if self.metric is None else self.metric.shape
+        if self.criterion is Criterion.TOOL_VARIANCE and shape != (size, size):
             raise CalibrationError(
-                "metric of the tool variance", f"shape {shape}", f"shape ({count}, {count})"
+                "metric of the tool variance", f"shape {shape}", f"shape ({size}, {size})"
             )
+        return keep, sorted(set(range(count)) - set(keep))
 
 
 @dataclass(frozen=True)
@@ -124,19 +122,24 @@ def observability(singular: FloatArray, postures: int) -> Observability:
     )
 
 
-def wanted_information(information: FloatArray, aim: Aim) -> FloatArray:
-    """Schur complement ``(..., k_wanted, k_wanted)`` of ``(..., k, k)``: nuisance fitted too.
+def nuisance_fitted(information: FloatArray, aim: Aim) -> FloatArray:
+    """The wanted parameters, each with the best nuisance beside it ``(k, k_wanted)``.
 
-    A nuisance parameter that no measurement touches takes nothing away.
+    ``information`` is ``(k, k)``; a nuisance parameter that no measurement touches stays at 0.
     """
-    count = information.shape[-1]
-    keep, drop = aim.columns(count), aim.nuisance(count)
-    kept_part = information[..., keep, :][..., keep]
-    if not drop:
-        return np.asarray(kept_part)
-    mixed = information[..., drop, :][..., keep]
-    result = np.linalg.pinv(information[..., drop, :][..., drop], rcond=BLIND**2, hermitian=True)
-    return np.asarray(kept_part - np.swapaxes(mixed, -1, -2) @ result @ mixed)
+    keep, drop = aim.parts(len(information))
+    lift = np.zeros((len(information), len(keep)))
+    lift[keep, np.arange(len(keep))] = 1.0
+    if drop:
+        result = np.linalg.pinv(information[np.ix_(drop, drop)], rcond=BLIND**2, hermitian=True)
+        lift[drop] = -result @ information[np.ix_(drop, keep)]
+    return lift
+
+
+def wanted_information(information: FloatArray, aim: Aim) -> FloatArray:
+    """Schur complement ``(k_wanted, k_wanted)`` of ``(k, k)``: nuisance fitted too."""
+    lift = nuisance_fitted(information, aim)
+    return np.asarray(lift.T @ information @ lift)
 
 
 def value_of(information: FloatArray, aim: Aim) -> float:
@@ -166,6 +169,14 @@ def inverse(matrix: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
+def value_or_none(information: FloatArray, aim: Aim) -> float | None:
+    """`value_of`, None where a wanted combination is not seen."""
+    try:
+        return value_of(information, aim)
+    except NotIdentifiable:
+        return None
+
+
 def values_of(covariance: FloatArray, aim: Aim) -> FloatArray:
     """The criterion ``(b,)`` of covariances ``(b, k_wanted, k_wanted)``."""
     kind = aim.criterion
@@ -177,11 +188,7 @@ def values_of(covariance: FloatArray, aim: Aim) -> FloatArray:
         sign, log = np.linalg.slogdet(covariance)
         mean = np.where(sign > 0.0, -0.5 * log / covariance.shape[-1], -math.inf)
         return np.asarray(np.exp(mean))
-    return _spectral(np.asarray(np.linalg.eigvalsh(covariance), dtype=np.float64), kind)
-
-
-def _spectral(variance: FloatArray, kind: Criterion) -> FloatArray:
-    """The criterion from eigenvalues ``(b, k)`` of covariances, ascending."""
+    variance = np.linalg.eigvalsh(covariance)  # ascending
     usable = variance[:, 0] > 0.0
     least = 1.0 / np.sqrt(np.where(usable, variance[:, -1], 1.0))
     largest = 1.0 / np.sqrt(np.where(usable, variance[:, 0], 1.0))

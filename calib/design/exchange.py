@@ -25,9 +25,10 @@ from calib.design.criteria import (
     inverse,
     scores,
     value_of,
+    value_or_none,
     values_of,
 )
-from calib.errors import CalibrationError, NotIdentifiable
+from calib.errors import CalibrationError
 
 LEAST_GAIN = 1e-9
 """Relative improvement below which a swap is rounding."""
@@ -121,7 +122,7 @@ def choose(
     improved = in_parallel(search.improve, begins)
     for start, (subset, exchanges) in zip(begins, improved, strict=True):
         # sets that see next to nothing can have the best of condition numbers
-        sees = _value_or_none(candidates.information(subset), aim) is not None
+        sees = value_or_none(candidates.information(subset), aim) is not None
         runs.append((sees, search.score(subset), subset, start, exchanges))
     seeing = [run for run in runs if run[0]] or runs
     _, _, subset, start, exchanges = descending(seeing, lambda run: run[1], 1.0)[0]
@@ -129,19 +130,12 @@ def choose(
         chosen=tuple(sorted(int(k) for k in subset)),
         # sorted, for sums in another order round otherwise: equal sets give equal figures
         value=value_of(candidates.information(np.sort(subset)), aim),
-        start_value=_value_or_none(candidates.information(start), aim),
-        start_condition_number=_value_or_none(
+        start_value=value_or_none(candidates.information(start), aim),
+        start_condition_number=value_or_none(
             candidates.information(start), replace(aim, criterion=Criterion.CONDITION)
         ),
         exchanges=exchanges,
     )
-
-
-def _value_or_none(information: FloatArray, aim: Aim) -> float | None:
-    try:
-        return value_of(information, aim)
-    except NotIdentifiable:
-        return None
 
 
 def swap_ratios(rows: FloatArray, subset: IntArray, covariance: FloatArray) -> FloatArray:
@@ -177,7 +171,7 @@ class _Exchanges:
         self.candidates = candidates
         self.aim = aim
         self.repeats = repeats
-        self.keep, self.drop = aim.columns(count), aim.nuisance(count)
+        self.keep, self.drop = aim.parts(count)
         self.ridge = np.diag(candidates.ridge())
         self.nuisance_rows = np.ascontiguousarray(candidates.rows[:, :, self.drop])
 

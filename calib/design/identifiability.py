@@ -101,7 +101,12 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
     """Singular values against noise and tolerance, and names for what they tell."""
     scaled = sensitivity.jacobian * sensitivity.tolerance
     _, singular, vectors = svd_of_all(scaled)
-    uncertainty = _uncertainties(singular, sensitivity)
+    # in tolerances; without a noise only blindness can be told, all else counts as known alike
+    with np.errstate(divide="ignore"):
+        uncertainty = 1.0 / singular
+    if not sensitivity.noise_known:
+        uncertainty[:] = 0.1 * WEAK
+    uncertainty[singular <= sensitivity.blind * singular[0]] = np.inf
     unseen = (uncertainty > sensitivity.unseen) | np.isinf(uncertainty)
     best = float(uncertainty.min())
     weak = ~unseen & ((uncertainty > WEAK_RATIO * best) | (uncertainty > WEAK))
@@ -122,18 +127,6 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
         individually_known=names_outside(vectors[unseen].T, sensitivity.names),
         unseen_vectors=unidentifiable,
     )
-
-
-def _uncertainties(singular: FloatArray, sensitivity: Sensitivity) -> FloatArray:
-    """Standard uncertainty of each singular direction in tolerances; infinite where blind.
-
-    Without a noise only exact blindness can be told: everything else counts as known alike.
-    """
-    blind = singular <= sensitivity.blind * singular[0]
-    if not sensitivity.noise_known:
-        return np.where(blind, np.inf, 0.1 * WEAK)
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.where(blind, np.inf, 1.0 / singular))
 
 
 def _named(

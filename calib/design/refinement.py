@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import BLIND, ROUNDING, FloatArray, svd_of_all
-from calib.design.criteria import Aim, Criterion, value_of, values_of
+from calib.arrays import ROUNDING, FloatArray, svd_of_all
+from calib.design.criteria import Aim, Criterion, nuisance_fitted, value_of, values_of
 from calib.errors import CalibrationError
 
 Pull = Callable[[FloatArray], FloatArray]
@@ -75,6 +75,8 @@ def refine(
     reported to ``progress``. Raises CalibrationError for a start outside the box,
     NotIdentifiable where the start does not see all wanted parameters.
     """
+    from scipy.optimize import minimize  # 0.1 s to import: only where used
+
     aim, width = aim or Aim(), upper - lower
     if not (width > 0.0).all() or not ((lower <= start) & (start <= upper)).all():
         raise CalibrationError(
@@ -98,31 +100,21 @@ def refine(
     unit = ((start - lower) / width).ravel()
     powers = sharpness if sharpness and aim.criterion in OF_ENDS else [math.inf]
     for stage, power in enumerate(powers, start=1):
-        unit = _descended(cost, unit, power)
+        unit = minimize(
+            cost,
+            unit,
+            args=(power,),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[(0.0, 1.0)] * len(unit),
+            options={"maxiter": MOST_STEPS, "ftol": 1e-13, "gtol": 1e-9},
+        ).x
         progress(stage, len(powers))
     moved = unfolded(unit)
     judged_here = judged(rows_at(moved)[0], aim)
-    larger = aim.criterion.larger_is_better
-    if judged_here <= judged_start if larger else judged_here >= judged_start:
+    if not aim.criterion.better(judged_here, judged_start):
         moved, judged_here = start, judged_start
     return RefinedPostures(moved, judged_here, judged_start, count_on_bound(moved, lower, upper))
-
-
-def _descended(
-    cost: Callable[[FloatArray, float], tuple[float, FloatArray]], unit: FloatArray, power: float
-) -> FloatArray:
-    from scipy.optimize import minimize  # 0.1 s to import: only where used
-
-    optimum = minimize(
-        cost,
-        unit,
-        args=(power,),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=[(0.0, 1.0)] * len(unit),
-        options={"maxiter": MOST_STEPS, "ftol": 1e-13, "gtol": 1e-9},
-    )
-    return np.asarray(optimum.x)
 
 
 def count_on_bound(coordinates: FloatArray, lower: FloatArray, upper: FloatArray) -> int:
@@ -131,15 +123,23 @@ def count_on_bound(coordinates: FloatArray, lower: FloatArray, upper: FloatArray
     return int(((share < ON_BOUND) | (share > 1.0 - ON_BOUND)).sum())
 
 
-def cost_by_rows(rows: FloatArray, aim: Aim, power: float) -> tuple[float, FloatArray]:
-    """The cost as of `cost_and_slope`, with its derivatives by the rows ``(p, r, k)``."""
+def cost_by_rows(rows: FloatArray, aim: Aim, power: float = math.inf) -> tuple[float, FloatArray]:
+    """Logarithm of the criterion, smaller is better, and its derivatives by rows ``(p, r, k)``.
+
+    At equal singular values the derivative of one of them is taken; L-BFGS-B lives with that. A
+    finite ``power`` smooths criteria of single ones.
+    """
     information = _information(rows)
-    if not _plain(aim):
-        value, by_information = cost_and_slope(information, aim, power)
-        return value, 2.0 * rows @ by_information
-    variance, turned = _variances(rows, information)
+    lift = nuisance_fitted(information, aim)
+    wanted_rows = rows @ lift
+    variance, turned = _variances(wanted_rows, lift.T @ information @ lift)
     value, by_log = _log_cost(variance, turned, aim, power)
-    return value, -2.0 * rows @ ((turned * (by_log * variance)) @ turned.T)
+    # d log(eigenvalue of the inverse) = -eigenvalue · vᵀ d(information) v
+    slope = -(turned * (by_log * variance)) @ turned.T
+    if aim.criterion is Criterion.TOOL_VARIANCE and aim.metric is not None:
+        covariance = (turned * variance) @ turned.T
+        slope = -covariance @ aim.metric @ covariance / np.trace(aim.metric @ covariance)
+    return value, 2.0 * wanted_rows @ slope @ lift.T
 
 
 def _variances(rows: FloatArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -156,16 +156,11 @@ def _variances(rows: FloatArray, information: FloatArray) -> tuple[FloatArray, F
     return np.maximum(singular, least) ** -2, np.asarray(vectors.T)
 
 
-def _plain(aim: Aim) -> bool:
-    """Whether the rows alone decide, so that their squares need not be formed."""
-    return aim.wanted is None and aim.criterion is not Criterion.TOOL_VARIANCE
-
-
 def judged(rows: FloatArray, aim: Aim) -> float:
     """The criterion of rows ``(p, r, k)``; from singular values where it can be, which keeps twice
     the digits. Raises NotIdentifiable where a wanted combination is not seen.
     """
-    if not _plain(aim):
+    if aim.wanted is not None or aim.criterion is Criterion.TOOL_VARIANCE:
         return value_of(_information(rows), aim)
     flat = rows.reshape(-1, rows.shape[-1])
     size = np.linalg.norm(flat, axis=0)
@@ -181,31 +176,6 @@ def _information(rows: FloatArray) -> FloatArray:
     return np.asarray(flat.T @ flat)
 
 
-def cost_and_slope(
-    information: FloatArray, aim: Aim, power: float = math.inf
-) -> tuple[float, FloatArray]:
-    """Logarithm of the criterion, smaller is better, and its derivative ``(k, k)``.
-
-    ``d cost = tr(slope · d information)``. At equal singular values the derivative of one of them
-    is taken; L-BFGS-B lives with that. A finite ``power`` smooths criteria of single ones.
-    """
-    count = len(information)
-    keep, drop = aim.columns(count), aim.nuisance(count)
-    largest = max(float(information.diagonal().max()), 1e-300)
-    regular = information + ROUNDING * largest * np.eye(count)
-    lift = _lift(regular, keep, drop)
-    wanted_part = lift.T @ regular @ lift
-    variance, turned = np.linalg.eigh(np.linalg.inv(wanted_part))
-    value, by_log = _log_cost(variance, turned, aim, power)
-    # d log(eigenvalue of the inverse) = -eigenvalue · vᵀ d(information) v
-    slope = -(turned * (by_log * variance)) @ turned.T
-    if aim.criterion is Criterion.TOOL_VARIANCE and aim.metric is not None:
-        covariance = (turned * variance) @ turned.T
-        total = float(np.trace(aim.metric @ covariance))
-        slope = -covariance @ aim.metric @ covariance / total
-    return value, np.asarray(lift @ slope @ lift.T)
-
-
 def _smooth(logs: FloatArray, by_log: FloatArray, power: float) -> tuple[float, FloatArray]:
     """``log |σ|_p`` in place of ``log σ_1`` and ``-log |1/σ|_p`` in place of ``log σ_L``; the cost
     and its derivatives ``(k,)``. ``by_log`` are those of the cost that uses ``σ_1, σ_L`` alone.
@@ -219,16 +189,6 @@ def _smooth(logs: FloatArray, by_log: FloatArray, power: float) -> tuple[float, 
             value += weight * (float(scaled.max()) + math.log(total)) / power
             smooth += float(by_log[end]) * parts / total
     return value, smooth
-
-
-def _lift(information: FloatArray, keep: list[int], drop: list[int]) -> FloatArray:
-    """``(k, k_wanted)``: the wanted parameters with the best nuisance for each."""
-    lift = np.zeros((len(information), len(keep)))
-    lift[keep, np.arange(len(keep))] = 1.0
-    if drop:
-        inverse = np.linalg.pinv(information[np.ix_(drop, drop)], rcond=BLIND**2, hermitian=True)
-        lift[drop] = -inverse @ information[np.ix_(drop, keep)]
-    return lift
 
 
 def _log_cost(

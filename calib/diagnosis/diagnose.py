@@ -20,7 +20,7 @@ from calib.arrays import (
     without_means,
 )
 from calib.diagnosis.claims import NAMES, WITHIN, Claims, NamedVerdict, name_of
-from calib.diagnosis.gap import AGREEMENT, Leftover, locate, residuals, timed_laws, where_words
+from calib.diagnosis.gap import AGREEMENT, Leftover, locate, residuals, where_words
 from calib.diagnosis.held_out import left_out_postures, on_other_sessions
 from calib.diagnosis.pattern import repeats_words, shared_pattern
 from calib.diagnosis.results import (
@@ -42,7 +42,7 @@ from calib.noise.reading import still_rows
 from calib.posterior.apart import Mistake
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.models import Posterior
-from calib.posterior.readings import LENGTHS
+from calib.posterior.readings import LENGTHS, depends_on_time
 from calib.posterior.selection import LOG_SCALES, SCALES, log_causes
 from calib.stats import UNLIKELY, mixture_moments
 from calib.tripod.effects.drives import ActuatorCyclic
@@ -93,8 +93,8 @@ class _Report:
         self.posterior, self.others = posterior, held_out_sessions
         self.components = posterior.components
         self.claims = Claims.of(posterior)
-        laws = [share.effect for component in self.components for share in component.shares]
-        self.timed = timed_laws(laws)
+        laws = (share.effect for component in self.components for share in component.shares)
+        self.timed = tuple(filter(depends_on_time, dict.fromkeys(laws)))
         self.sessions = [cells.with_free_lines for cells in posterior.sessions]
         self.before = Leftover.of(self.sessions, (), self.timed)
         self.answer = self._checked(self.claims.answer())
@@ -133,7 +133,7 @@ class _Report:
         if verdict in ("partly-explained", "unexplained"):
             where = where_words(locate(leftover) if leftover else parts)
         repeats = pattern is not None and verdict not in ("explained", "agrees")
-        cells = self.posterior.sessions
+        mistakes = self.posterior.models[0].mistakes
         return Diagnosis(
             verdict=verdict,
             sentence=sentence(verdict, findings, where)
@@ -155,7 +155,10 @@ class _Report:
             remarks=tuple(self._remarks(left_over)),
             left_over=left_over,
             pattern=pattern,
-            cleaned=tuple(self._cleaned(k) for k in range(len(cells))),
+            cleaned=tuple(
+                _put_right(cells.case, [m for m in mistakes if m.session == k])
+                for k, cells in enumerate(self.posterior.sessions)
+            ),
         )
 
     def _findings(self) -> list[Finding]:
@@ -295,18 +298,14 @@ class _Report:
         if self.answer.verdict not in WITH_RESIDUALS or lawful <= EVEN * self.claims.missing:
             return None
         law = descending([*likely], likely.__getitem__)[0]
-        model_leftover = leftover or self.before
-        finding = self._finding(
-            (law,), likely[law], adopted, model_leftover.rms_mm(model_leftover.left)
-        )
-        if not finding.lowers_the_gap:  # guessed names may already do what it does: by itself
-            adopted, model_leftover = (), self.before
-            finding = self._finding(
-                (law,), likely[law], adopted, model_leftover.rms_mm(model_leftover.left)
-            )
-        if not finding.lowers_the_gap:
+        # guessed names may already do what it does: then by itself
+        for names, start in ((adopted, leftover or self.before), ((), self.before)):
+            finding = self._finding((law,), likely[law], names, start.rms_mm(start.left))
+            if finding.lowers_the_gap:
+                break
+        else:
             return None
-        together = (*adopted, *finding.effects)
+        together = (*names, *finding.effects)
         if self.others:
             return ModelDiscrepancy(**vars(finding), held_out_gap=self._elsewhere(together))
         with_law, kinds = self._with(together), (*NAMES, "nameless")
@@ -404,10 +403,9 @@ class _Report:
         """Indicators that read the same wherever the machine was."""
         for cells in self.posterior.sessions:
             observations = cells.case.observations
-            first = [int(rows[0]) for rows in still_rows(observations)]
             places = {
                 TOUCHED_LETTERS[observations.leg[k]] + LEG_NAMES[observations.axis[k]]
-                for k in first
+                for k, *_ in still_rows(observations)
             }
             if places:
                 set_ups = ", ".join(sorted(places))
@@ -435,14 +433,9 @@ class _Report:
             leads = sorted(law.lead_mm for law in laws if isinstance(law, ActuatorCyclic))
             weights[(*leads,)] = weights.get((*leads,), 0.0) + weight
         best = max(weights, key=weights.__getitem__)
-        other_leads = {
-            lead
-            for leads, weight in weights.items()
-            for lead in leads
-            if lead not in best and weight > AS_GOOD * weights[best]
-        }
-        if other_leads:
-            leads_mm = ", ".join(f"{lead:g}" for lead in sorted(other_leads))
+        as_good = [leads for leads, weight in weights.items() if weight > AS_GOOD * weights[best]]
+        if rivals := {lead for leads in as_good for lead in leads if lead not in best}:
+            leads_mm = ", ".join(f"{lead:g}" for lead in sorted(rivals))
             yield (
                 f"{name.id} ({name.where}): leads of {leads_mm} mm fit as well; write the screw's"
                 " lead into the machine file"
@@ -450,22 +443,20 @@ class _Report:
 
     def _far_offsets(self) -> Iterator[str]:
         """Joint offsets that nobody would have left: they count, but a person should look."""
-        weight = np.array([model.weight for model in self.posterior.models])
-        means = np.array(
-            [model.mean[: self.posterior.parameter_count] for model in self.posterior.models]
-        )
-        expected_mm = weight @ means
+        count = self.posterior.parameter_count
+        models = self.posterior.models
+        expected_mm = np.sum([model.weight * model.mean[:count] for model in models], axis=0)
         for number, cells in enumerate(self.posterior.sessions):
             first = LENGTHS + 3 * number
             entered_mm = cells.case.model.parameters_mm[:3]
             off_mm = expected_mm[first : first + 3] - entered_mm
-            for leg, off, allowed in zip(
+            for leg, off, tolerance in zip(
                 LEG_NAMES, off_mm, cells.case.tolerance_mm[:3], strict=True
             ):
-                if abs(off) > FAR_OFF * allowed:
+                if abs(off) > FAR_OFF * tolerance:
                     yield (
                         f"the joint offset of {leg} comes out {off:+.1f} mm off, the machine file"
-                        f" allows {allowed:g} mm: look how it was entered"
+                        f" allows {tolerance:g} mm: look how it was entered"
                     )
 
     def _smallest_detectable(self) -> dict[str, Detectable | None]:
@@ -495,11 +486,6 @@ class _Report:
             ):
                 smallest[component.id] = Detectable(component.id, size, parameter.unit)
         return smallest
-
-    def _cleaned(self, number: int) -> CleanedReadings:
-        case = self.posterior.sessions[number].case
-        mistakes = [m for m in self.posterior.models[0].mistakes if m.session == number]
-        return _put_right(case, mistakes)
 
 
 def _needed(length: float, log_prior: float, causes: FloatArray) -> float:
@@ -536,12 +522,11 @@ def _put_right(case: SessionCase, mistakes: Sequence[Mistake]) -> CleanedReading
         place = np.argsort(mistake.source)[place]
     rows = np.flatnonzero(~out[visit])
     labels = first[place[visit]]
-    names = ("leg", "axis", "station", "displacement_mm", "approach", "cycle")
-    right = {name: getattr(observations, name)[labels] for name in names}
-    right |= {n: getattr(observations, n)[labels] for n in ("position_mm", "movement", "along_mm")}
+    names = ["leg", "axis", "station", "displacement_mm", "approach", "cycle"]
+    names += ["position_mm", "movement", "along_mm"]
     moved = replace(
         observations,
-        **right,
+        **{name: getattr(observations, name)[labels] for name in names},
         value_mm=observations.value_mm * factor[visit],
         mount=numbered(observations.mount[labels], slips[visit]),
     )

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import block_diag  # scipy.linalg would take 0.04 s more to import
 
 from calib.arrays import (
     DEPENDENT,
@@ -28,17 +29,13 @@ from calib.arrays import (
     lengths,
     numbered,
     set_up_unknowns,
+    squares_in,
 )
 from calib.diagnosis.results import Cell, CellResiduals, Gap, GapPart
 from calib.identify.fit import prior_fit
 from calib.posterior.cells import Cells
 from calib.posterior.gaussian import About
-from calib.posterior.readings import (
-    LENGTHS,
-    Rows,
-    depends_on_time,
-    rows_of,
-)
+from calib.posterior.readings import LENGTHS, Rows, rows_of
 from calib.stats import variance_ratio_p_value
 from calib.tripod.effects.candidates import placed_columns
 from calib.tripod.effects.effect import Effect, EffectInstance, Placed
@@ -199,13 +196,6 @@ class Leftover:
             for cells, end in zip(self.sessions, ends.tolist(), strict=True)
         ]
 
-    def whitened(self, columns: Sequence[FloatArray]) -> FloatArray:
-        """Columns ``(n_cells, k)`` of each session as rows ``(n, k)``; nothing within cells."""
-        parts = [c.whitened(part) for c, part in zip(self.sessions, columns, strict=True)]
-        rows = np.zeros((len(self.rows.residual), parts[0].shape[1]))
-        rows[: self.rows.cells] = np.vstack(parts)
-        return rows
-
     def explained_by(self, rows: FloatArray) -> FloatArray:
         """Orthonormal directions ``(n, r)`` of what rows ``(n, k)`` do beside the base."""
         remainder = self.about.left_by(rows)
@@ -252,11 +242,6 @@ def _fitted(rows: Rows, bars: BarLengths | None, sizes: FloatArray) -> About:
     return About.of(np.hstack([base, sizes]), rows.residual, expected)
 
 
-def timed_laws(laws: Sequence[Effect]) -> tuple[Effect, ...]:
-    """The laws of which readings of one cell may differ."""
-    return tuple(law for law in dict.fromkeys(laws) if depends_on_time(law))
-
-
 def locate(leftover: Leftover) -> tuple[GapPart, ...]:
     """Share of the gap in each part of the readings, with its chance under pure noise.
 
@@ -269,22 +254,21 @@ def locate(leftover: Leftover) -> tuple[GapPart, ...]:
     total = float(in_readings @ in_readings) if leftover.freedom else 0.0
     leverage = (leftover.about.basis[:count] ** 2).sum(axis=1)
     leverage = leverage + np.concatenate([(c.zeros**2).sum(axis=1) for c in leftover.sessions])
+
+    def part(leg: str, axis: str, pattern: str, inside: float, free: int) -> GapPart:
+        share = min(inside / total, 1.0) if total else 0.0
+        chance = leftover.p_value(inside, free) if total else 1.0
+        return GapPart(leg or None, axis or None, pattern, share, chance)
+
     shares = []
     for leg, axis, pattern, mask in _parts(leftover):
-        if not mask.any():
-            continue
-        inside, free = float(square[mask].sum()), round(float((1.0 - leverage[mask]).sum()))
-        chance = leftover.p_value(inside, max(free, 1)) if total else 1.0
-        shares.append(
-            GapPart(leg or None, axis or None, pattern, inside / total if total else 0.0, chance)
-        )
+        if mask.any():
+            free = max(round(float((1.0 - leverage[mask]).sum())), 1)
+            shares.append(part(leg, axis, pattern, float(square[mask].sum()), free))
     for pattern, rows in _patterns(leftover):
         basis = leftover.explained_by(rows)
-        along = basis.T @ leftover.left
-        inside, free = float(along @ along), basis.shape[1]
-        chance = leftover.p_value(inside, free) if total else 1.0
-        share = min(inside / total, 1.0) if total else 0.0
-        shares.append(GapPart(None, None, pattern, share, chance))
+        inside = squares_in(basis, leftover.left)
+        shares.append(part("", "", pattern, inside, basis.shape[1]))
     return tuple(descending(descending(shares, lambda s: s.share), lambda s: -s.p_value))
 
 
@@ -307,37 +291,29 @@ def _patterns(leftover: Leftover) -> Iterator[tuple[str, FloatArray]]:
         if of_tool:
             position = means.position_mm / 100.0
             first, second = np.triu_indices(3)
-            legs_apart = {
+            by_pattern = {
                 "in proportion to the position": position,
                 "with the square of the position": position[:, first] * position[:, second],
                 "direction of approach": means.movement,
             }
         else:
             far = means.displacement_mm[:, None] / 100.0
-            legs_apart = {
+            by_pattern = {
                 "odd in displacement": np.hstack([far, far**3]),
                 "even in displacement": np.hstack([far**2, far**4]),
                 "direction of approach": means.approach[:, None],
             }
-        for name, columns in legs_apart.items():
+        for name, columns in by_pattern.items():
             by_mounting = incidence(means.mount)[:, :, None] * columns[:, None, :]
             by_name.setdefault(name, []).append(by_mounting.reshape(len(columns), -1))
     for name, parts in by_name.items():
-        yield name, leftover.whitened(_side_by_side(parts))
+        # columns of each session beside those of the others; nothing within cells
+        whitened = [c.whitened(part) for c, part in zip(leftover.sessions, parts, strict=True)]
+        rows = np.zeros((len(leftover.rows.residual), sum(part.shape[1] for part in parts)))
+        rows[: leftover.rows.cells] = block_diag(whitened).toarray()
+        yield name, rows
     if (columns := leftover.rows.columns).shape[1]:
         yield "time or temperature", columns
-
-
-def _side_by_side(parts: Sequence[FloatArray]) -> list[FloatArray]:
-    """Columns of each session beside zeros for those of the others."""
-    widths = [part.shape[1] for part in parts]
-    starts = np.cumsum([0, *widths])
-    return [
-        np.hstack(
-            [np.zeros((len(p), start)), p, np.zeros((len(p), starts[-1] - start - p.shape[1]))]
-        )
-        for p, start in zip(parts, starts[:-1].tolist(), strict=True)
-    ]
 
 
 def where_words(shares: tuple[GapPart, ...]) -> str:

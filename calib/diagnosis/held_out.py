@@ -151,13 +151,13 @@ class _LeftOut:
     @cached_property
     def _sets(self) -> list[Key]:
         """Sets of two and three of these kinds that all readings leave likeliest, with scales."""
-        allowed = {
+        numbers = {
             k for k, component in enumerate(self._components) if component.kind in self.kinds
         }
         return [
             tuple(zip(model.members, model.scales, strict=True))
             for model in self.posterior.models
-            if len(model.members) > 1 and allowed >= {*model.members}
+            if len(model.members) > 1 and numbers >= {*model.members}
         ][:MOST_SETS]
 
     def _missed(self, out_rows: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -194,9 +194,8 @@ class _LeftOut:
 
     def _best(self, selection: ModelSelection) -> Key:
         """What has most weight alone, or the set that has more."""
-        components = self.posterior.components[: len(selection.columns)]
-        allowed = [component.kind in self.kinds for component in components]
-        log = np.where(allowed, selection.log_weights(), -math.inf)
+        of_kind = [component.kind in self.kinds for component in self._components]
+        log = np.where(of_kind, selection.log_weights(), -math.inf)
         row, number = np.unravel_index(int(np.argmax(log)), log.shape)
         best: Key = ((int(number), SCALES[int(row)]),)
         largest = float(log[row, number])

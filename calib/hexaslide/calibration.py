@@ -120,9 +120,14 @@ class SeenDirections:
         rank = int((singular > EXACT_BLIND * singular[0]).sum())
         return SeenDirections(left_vectors[:, :rank], singular[:rank], right[:rank], right[rank:].T)
 
+    @property
+    def inverse(self) -> FloatArray:
+        """By how much parameters follow each direction of the readings ``(k, rank)``."""
+        return np.asarray(self.right.T / self.singular)
+
     def step(self, residual: FloatArray) -> FloatArray:
         """The shortest change ``(k,)`` that takes out most of a residual ``(n,)``."""
-        return np.asarray(self.right.T @ ((self.left.T @ residual) / self.singular))
+        return np.asarray(self.inverse @ (self.left.T @ residual))
 
 
 def calibrate(readings: Readings, start: HexaSlide, *, fewest: int = 1) -> Calibration:
@@ -202,7 +207,7 @@ def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Cal
     square = float(point.residual @ point.residual)
     stated = readings.noise_m
     variance = stated**2 if stated else square / spare if spare else None
-    inverse = parts_seen.right.T / parts_seen.singular
+    inverse = parts_seen.inverse
     # papers/001 has the condition number of the bare derivatives, metres and radians
     bare = residuals(readings, point.machine, point.residuals.postures)[1]
     all_motions = motions(point.machine, names)
@@ -232,12 +237,6 @@ def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Cal
 
 def _rms(values_m: FloatArray) -> float:
     return float(np.sqrt((values_m * values_m).mean()))
-
-
-def residuals_of(readings: Readings, machine: HexaSlide) -> Residuals:
-    """What a machine leaves of readings it was not fitted to. Raises UnreachablePosture."""
-    postures = postures_of(readings, machine)
-    return residuals(readings, machine, postures)[0]
 
 
 def corrected(

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.arrays import FloatArray
 from calib.hexaslide.arms import Turn, transposed
-from calib.hexaslide.geometry import CHAINS, Geometry, HexaSlide, Legs, legs
+from calib.hexaslide.geometry import CHAINS, Geometry, HexaSlide, legs
 from calib.hexaslide.procedures import COMPONENTS
 from calib.hexaslide.residuals import Readings, postures_of, read_at
 
@@ -110,6 +110,7 @@ def causes_of_machine(
     """
     effects = _Effects(readings, machine, postures)
     sliders, at = readings.sliders, legs(machine.geometry, postures)
+    unit = at.arms.unit
     telescopic = machine.geometry.telescopic
     part = machine.geometry.part
     from_middle = sliders - middle
@@ -121,8 +122,15 @@ def causes_of_machine(
         yield effects.of_sliders(f"{part}_scale", where, ("scale",), "mm/m", UNIT_SCALE, scale)
         id_of_play = "leg_backlash" if telescopic else "backlash"
         yield effects.of_sliders(id_of_play, where, ("play",), "mm", UNIT_LENGTH_M, play)
-        if not telescopic:
-            yield from _of_rail(effects, machine.geometry, at, from_middle, k)
+        if not telescopic:  # what only a rail and the joint on its carriage can have
+            across = [np.linalg.norm(unit - machine.geometry.rails, axis=-1) * of_rail]
+            yield effects.of_sliders(
+                "joint_offset", where, ("offset",), "mm", UNIT_LENGTH_M, across
+            )
+            bow, sides = (from_middle / BOW_M) ** 2, _sides(machine.geometry, k)
+            bows = [bow * (unit[:, k] @ side)[:, None] * of_rail for side in sides]
+            names = ("side 1", "side 2")
+            yield effects.of_sliders("straightness", where, names, "mm", UNIT_LENGTH_M, bows)
         if lead_m is not None:
             angle = 2.0 * np.pi * sliders / lead_m
             waves = [np.sin(angle) * of_rail, np.cos(angle) * of_rail]
@@ -134,19 +142,6 @@ def causes_of_machine(
     yield effects.of_sliders("thermal_growth", where, ("growth",), "mm/m", UNIT_GROWTH, growth)
 
 
-def _of_rail(
-    effects: _Effects, geometry: Geometry, at: Legs, from_middle: FloatArray, k: int
-) -> Iterator[HexaSlideCause]:
-    """What only a rail and the joint on its carriage can have."""
-    of_rail, where, unit = np.eye(CHAINS)[k], f"rail {k + 1}", at.arms.unit
-    across = [np.linalg.norm(unit - geometry.rails, axis=-1) * of_rail]
-    yield effects.of_sliders("joint_offset", where, ("offset",), "mm", UNIT_LENGTH_M, across)
-    bow = (from_middle / BOW_M) ** 2
-    bows = [bow * (unit[:, k] @ side)[:, None] * of_rail for side in _sides(geometry, k)]
-    names = ("side 1", "side 2")
-    yield effects.of_sliders("straightness", where, names, "mm", UNIT_LENGTH_M, bows)
-
-
 class _Effects:
     """What carriages and readings that are off do to what is read, in its noise."""
 
@@ -154,15 +149,13 @@ class _Effects:
         self._noise, self._names = readings.value_noise, readings.procedure.read
         self._count = len(postures)
         self._moved = np.linalg.inv(legs(machine.geometry, postures).arms.by_posture)
-        steps = [
-            (
-                read_at(readings.procedure, machine, postures + STEP * unit)
-                - read_at(readings.procedure, machine, postures - STEP * unit)
-            )
-            / (2.0 * STEP)
-            for unit in np.eye(len(COMPONENTS))
-        ]
-        self._by_posture = np.stack(steps, axis=-1)
+
+        def read(step: FloatArray) -> FloatArray:
+            return read_at(readings.procedure, machine, postures + step)
+
+        steps = STEP * np.eye(len(COMPONENTS))
+        slopes = [(read(step) - read(-step)) / (2.0 * STEP) for step in steps]
+        self._by_posture = np.stack(slopes, axis=-1)
 
     def of_sliders(
         self,
@@ -174,14 +167,11 @@ class _Effects:
         sliders: list[FloatArray],
     ) -> HexaSlideCause:
         """Carriages off by ``sliders`` ``(p, 6)`` per 1, 1000 units; ``size`` is unremarkable."""
-        moved = [np.einsum("pij,pj->pi", self._moved, change) * size for change in sliders]
-        whitened = [
-            np.einsum("pri,pi->pr", self._by_posture, change) / self._noise for change in moved
-        ]
-        columns = np.stack([change.ravel() for change in whitened], axis=1)
-        places = np.stack([change[:, :3].ravel() for change in moved], axis=1)
         carriages = size * np.stack(sliders, axis=-1)
-        return HexaSlideCause(cause, where, names, unit, size * 1e3, columns, places, carriages)
+        moved = self._moved @ carriages
+        columns = self._by_posture @ moved / self._noise[:, None]
+        flat, places = (part.reshape(-1, len(names)) for part in (columns, moved[:, :3]))
+        return HexaSlideCause(cause, where, names, unit, size * 1e3, flat, places, carriages)
 
     def of_frame(self, postures: FloatArray) -> HexaSlideCause:
         """What was measured lies in another frame than the machine. Parameters take over a turn
@@ -218,12 +208,10 @@ class _Effects:
         share: float,
     ) -> HexaSlideCause:
         """A cause that moves nothing, with its effect on what is read ``(p, m, r)``."""
-        flat, carriages = (
-            columns.reshape(-1, len(names)),
-            np.zeros((self._count, CHAINS, len(names))),
-        )
-        places = np.zeros((3 * self._count, len(names)))
-        return HexaSlideCause(cause, where, names, unit, size, flat, places, carriages, share)
+        count = len(names)
+        still = np.zeros((3 * self._count, count)), np.zeros((self._count, CHAINS, count))
+        flat = columns.reshape(-1, count)
+        return HexaSlideCause(cause, where, names, unit, size, flat, *still, share)
 
 
 def _sides(geometry: Geometry, chain: int) -> tuple[FloatArray, FloatArray]:

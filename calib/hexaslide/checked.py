@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from calib.arrays import EXACT_BLIND, FloatArray
 from calib.hexaslide.arms import Numbers
-from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
+from calib.hexaslide.calibration import Calibration, calibrate
+from calib.hexaslide.derivatives import STEP
 from calib.hexaslide.geometry import (
     LAID_OVER,
     NAMES,
@@ -28,7 +29,7 @@ from calib.hexaslide.geometry import (
     with_values,
 )
 from calib.hexaslide.planning import fewest_postures
-from calib.hexaslide.residuals import Readings, Residuals, shares
+from calib.hexaslide.residuals import Readings, Residuals, postures_of, residuals, shares
 
 SPARE = 1.5
 """A fit keeps so many times the fewest postures before any is kept out of it."""
@@ -41,9 +42,6 @@ TURNS_M = 1e-3
 decide only on what moves none."""
 
 PAIRS = tuple(combinations(range(6), 2))
-
-STEP = 1e-30
-"""Complex step: nothing is subtracted, so it may be as small as numbers go."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,8 +170,12 @@ def checked_calibration(
     by_column, by_posture = shares(fitted, calibrated.machine.geometry, calibrated.after)
     if out.any():
         checked = readings.take(out)
-        left = (residuals_of(checked, machine) for machine in (nominal, calibrated.machine))
-        held_out = HeldOut(checked.numbers, *left)
+        # no machine was fitted to these
+        residuals_out = (
+            residuals(checked, machine, postures_of(checked, machine))[0]
+            for machine in (nominal, calibrated.machine)
+        )
+        held_out = HeldOut(checked.numbers, *residuals_out)
     return CheckedCalibration(
         start=nominal.parameters(calibrated.names),
         fit=calibrated,

@@ -17,8 +17,8 @@ from calib.hexaslide.checked import KnownValues, frames_apart, lengths_alone
 from calib.hexaslide.correction import lengths_of, moved_by, over_all
 from calib.hexaslide.diagnosis import FEWEST_SPARE, WeighedCauses
 from calib.hexaslide.geometry import HexaSlide
-from calib.hexaslide.platform import Places
-from calib.stats import COVERAGE, root_quantile, variance_ratio_p_value
+from calib.hexaslide.platform import Places, root_of
+from calib.stats import variance_ratio_p_value
 
 CHANGED = 0.01
 """Chance of a difference so large, below which the machine is taken as changed."""
@@ -42,10 +42,10 @@ class MeasuredMachine:
         if models is None:
             if calibrated.covariance is None:
                 return np.zeros(len(places.moved)), None
-            count = places.moved.shape[1]
-            return np.zeros(len(places.moved)), places.moved @ self._root[:count]
+            root = self._inflation * root_of(calibrated.covariance)
+            return np.zeros(len(places.moved)), places.moved @ root[: places.moved.shape[1]]
         acting = moved_by(models, places) @ models.given_way + over_all(models, places)
-        by_noise = moved_by(models, places) @ (models.directions / models.sizes)
+        by_noise = moved_by(models, places) @ models.directions.inverse
         mean, covariance = models.mixture()
         return acting @ mean, self._inflation * np.hstack([by_noise, acting @ root_of(covariance)])
 
@@ -58,12 +58,6 @@ class MeasuredMachine:
     def tells(self) -> bool:
         """Whether readings leave nothing open but frames, and would show what bends the rest."""
         return not self.calibration.left_open and self.calibration.free_values >= FEWEST_SPARE
-
-    @property
-    def _root(self) -> FloatArray:
-        covariance = self.calibration.covariance
-        assert covariance is not None, "asked for with one alone"
-        return self._inflation * root_of(covariance)
 
     @property
     def _inflation(self) -> float:
@@ -109,22 +103,18 @@ def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine)
         dict.fromkeys(name for machine in machines for name in machine.calibration.unidentifiable)
     )
     places = [Places.of(reference, machine.calibration.machine, free) for machine in machines]
-    beside, roots = zip(
+    effects, roots = zip(
         *(machine.at(at) for machine, at in zip(machines, places, strict=True)), strict=True
     )
     shift = frames_apart(places[0].postures, places[1].postures, free).apart_m.ravel()
-    off = places[0].without_frames(shift + beside[1] - beside[0])
+    off = places[0].without_frames(shift + effects[1] - effects[0])
     square = (off.reshape(-1, 3) ** 2).sum(axis=1)
     chance_m = p_value = None
     is_determined = all(machine.tells for machine in machines)
     roots_of_noise = [root for root in roots if root is not None]
     if is_determined and len(roots_of_noise) == len(machines):
         spread = np.hstack(roots_of_noise)
-        inner = spread.T @ spread
-        mean, variance = np.trace(inner), 2.0 * (inner**2).sum()
-        count = places[0].count
-        square_of_noise, its_variance = np.array([[mean], [variance / count]]) / count
-        chance_m = root_quantile(np.ones(1), square_of_noise, its_variance, COVERAGE)
+        chance_m = places[0].bound_m(spread)
         # what parameters do: what rarely acts beside them is no normal of its covariance
         vectors, sizes, _ = np.linalg.svd(places[0].moved, full_matrices=False)
         vectors = vectors[:, sizes > SHOWN * sizes[0]]
@@ -143,9 +133,3 @@ def apart(reference: HexaSlide, first: MeasuredMachine, second: MeasuredMachine)
         expanded_m=np.hypot(*halves) if is_determined and len(halves) == len(machines) else None,
         free=free,
     )
-
-
-def root_of(covariance: FloatArray) -> FloatArray:
-    """A root ``(c, c)`` of a covariance that need not be definite."""
-    square, axes = np.linalg.eigh(covariance)
-    return np.asarray(axes * np.sqrt(np.maximum(square, 0.0)))

@@ -52,20 +52,20 @@ def correction_of(models: WeighedCauses, reference: HexaSlide) -> HexaSlideCorre
         return None
     calibrated = models.calibration
     machine, names, free = calibrated.machine, calibrated.names, calibrated.laid_over
-    along, by_axes = models.directions, models.directions / models.sizes
+    along = models.directions.right.T
     # parameters beside an effect give way; those that are entered imitate it over the box
     given_way = models.given_way
     # in the frame as it was measured: what is laid over is not moved for nothing
-    some = Places.of(reference, machine, calibrated.unidentifiable, IMITATED_AT, IMITATED_AT)
-    imitated = np.linalg.pinv(moved_by(models, some) @ along, rcond=IMITATED)
+    sample = Places.of(reference, machine, calibrated.unidentifiable, IMITATED_AT, IMITATED_AT)
+    imitated = np.linalg.pinv(moved_by(models, sample) @ along, rcond=IMITATED)
     # a place is come to from either side, so that no parameter imitates play
-    still = np.zeros((some.count, 1))
-    entered = given_way + along @ (imitated @ over_all(models, some, still))
+    still = np.zeros((sample.count, 1))
+    entered = given_way + along @ (imitated @ over_all(models, sample, still))
     # judged at other places than those where it is imitated
     places = Places.of(reference, machine, free)
-    either = np.resize([[1.0], [-1.0]], (places.count, 1))
-    shift, over_box = moved_by(models, places), over_all(models, places, either)
-    by_noise = shift @ by_axes
+    ways = np.resize([[1.0], [-1.0]], (places.count, 1))
+    shift, over_box = moved_by(models, places), over_all(models, places, ways)
+    by_noise = shift @ models.directions.inverse
     stands, adopted = shift @ given_way + over_box, over_box @ models.stated
 
     values = [models.values(entry) for entry in models.entries]
@@ -101,7 +101,7 @@ def known_of(
     """
     scaled = slopes * models.tolerances
     square = models.excess
-    by_noise = ((scaled @ (models.directions / models.sizes)) ** 2).sum(axis=1)
+    by_noise = ((scaled @ models.directions.inverse) ** 2).sum(axis=1)
     given_way = scaled @ models.given_way
     means, variances = [], []
     for entry in models.entries:
@@ -129,8 +129,8 @@ def moved_by(models: WeighedCauses, places: Places) -> FloatArray:
     """By how much parameters in their tolerances move the platform ``(q, k)``; those of a link do
     not.
     """
-    others = len(models.calibration.names) - places.moved.shape[1]
-    shift = np.hstack([places.moved, np.zeros((len(places.moved), others))])
+    count = len(models.calibration.names) - places.moved.shape[1]
+    shift = np.hstack([places.moved, np.zeros((len(places.moved), count))])
     return np.asarray(shift * models.tolerances)
 
 

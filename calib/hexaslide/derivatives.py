@@ -296,8 +296,8 @@ class RowMaker:
         count, rows = together.shape[:2]
         full = moving.reshape(count, rows, ALL)
         if bar is not None or joints is not None:
-            beside = np.zeros((count, rows, len(self._basis) - ALL), dtype=inverses.dtype)
-            full = np.concatenate([full, beside], axis=-1)
+            columns = np.zeros((count, rows, len(self._basis) - ALL), dtype=inverses.dtype)
+            full = np.concatenate([full, columns], axis=-1)
         if bar is not None:
             full[:, 0, ALL : ALL + OF_ENDS], full[:, 0, ALL + OF_ENDS] = bar.by_ends, -1.0
         if joints is not None:

@@ -111,10 +111,9 @@ class WeighedCauses:
     with them, the heaviest first, together 1.
 
     ``base`` ``(n, k)`` are derivatives by the parameters in ``tolerances`` ``(k,)``, ``whitened``
-    ``(n,)`` what the ``calibration`` machine leaves, both in the noise. Its singular values
-    ``sizes`` ``(rank,)`` have ``axes`` ``(n, rank)`` in the readings, which span what parameters
-    can do, and ``directions`` ``(k, rank)`` in the parameters. ``expected`` ``(k,)`` is the machine
-    file, by the calibrated one in tolerances.
+    ``(n,)`` what the ``calibration`` machine leaves, both in the noise. Its ``directions`` are what
+    parameters can do. ``expected`` ``(k,)`` is the machine file, by the calibrated one in
+    tolerances.
 
     Effects that are ``adopted`` are in all of this at the sizes that they have in their model,
     ``stated`` ``(c,)`` in unremarkable sizes for the columns of all causes. ``free`` tells of each
@@ -133,9 +132,7 @@ class WeighedCauses:
     expected: FloatArray
     base: FloatArray
     whitened: FloatArray
-    axes: FloatArray
-    sizes: FloatArray
-    directions: FloatArray
+    directions: SeenDirections
     causes: tuple[HexaSlideCause, ...]
     selection: ModelSelection
     entries: tuple[ModelEntry, ...]
@@ -150,10 +147,10 @@ class WeighedCauses:
         """Readings beyond the parameters and adopted sizes that they determine; none where
         parameters take up all different postures, for readings of the same tell noise alone.
         """
-        if self.readings.different * len(self.readings.procedure.read) <= len(self.sizes):
+        rank = len(self.directions.singular)
+        if self.readings.different * len(self.readings.procedure.read) <= rank:
             return 0
-        sizes_of_model = sum(len(self.selection.columns[k]) for k in self.free.members)
-        return len(self.whitened) - len(self.sizes) - sizes_of_model
+        return len(self.whitened) - rank - len(self.index(self.free))
 
     @property
     def weights(self) -> FloatArray:
@@ -170,6 +167,10 @@ class WeighedCauses:
         columns = (self.selection.columns[k] for k in entry.members)
         return np.concatenate([np.zeros(0, dtype=np.intp), *columns])
 
+    def scale(self, entry: ModelEntry) -> FloatArray:
+        """The scale of each of these columns in the model ``(r,)``."""
+        return np.repeat(entry.scales, [len(self.selection.columns[k]) for k in entry.members])
+
     def columns(self, entry: ModelEntry) -> FloatArray:
         """What a model's values do to the readings ``(n, r)``."""
         of_members = (self.causes[k].columns for k in entry.members)
@@ -179,9 +180,8 @@ class WeighedCauses:
         """Mean ``(r,)`` and covariance ``(r, r)`` of a model's values, in unremarkable sizes; of
         adopted effects what they differ by from ``stated``.
         """
-        index = self.index(entry)
-        scale = np.repeat(entry.scales, [len(self.selection.columns[k]) for k in entry.members])
-        inner = self.selection.products.inner[np.ix_(index, index)] + np.diag(scale**-2.0)
+        index, inner = self.index(entry), np.diag(self.scale(entry) ** -2.0)
+        inner = inner + self.selection.products.inner[np.ix_(index, index)]
         covariance = np.asarray(np.linalg.inv(inner), dtype=np.float64)
         return np.asarray(covariance @ self.selection.products.along[index]), covariance
 
@@ -192,7 +192,7 @@ class WeighedCauses:
         if self.spare < 1:
             return 0.0, 1.0
         remainder = self.whitened - self.columns(entry) @ self.values(entry)[0]
-        remainder = without(self.axes, self.noise_times * remainder)
+        remainder = without(self.directions.left, self.noise_times * remainder)
         ratio = float(remainder @ remainder) / self.spare
         return ratio, variance_ratio_p_value(ratio, self.spare, np.inf)
 
@@ -210,7 +210,7 @@ class WeighedCauses:
     def given_way(self) -> FloatArray:
         """By how much parameters in tolerances give way ``(k, c)`` to the columns of all causes."""
         columns = np.hstack([cause.columns for cause in self.causes])
-        return np.asarray(-(self.directions / self.sizes) @ (self.axes.T @ columns))
+        return np.asarray(-self.directions.inverse @ (self.directions.left.T @ columns))
 
     def mixture(self) -> tuple[FloatArray, FloatArray]:
         """Mean ``(c,)`` of all columns of causes over the models, and covariance ``(c, c)``."""
@@ -292,8 +292,8 @@ def weighed(
         noisy, larger, square = models, 1.0, left_over[0]
         for _ in range(MOST_LARGER):
             larger *= square**0.5
-            other = readings.noisier(larger)
-            noisy = _weighed(other, nominal, tolerances, lead_m, adopted, middle)
+            noisier = readings.noisier(larger)
+            noisy = _weighed(noisier, nominal, tolerances, lead_m, adopted, middle)
             square = noisy.mean_square(noisy.entries[0])[0]  # in this noise
             if square < SETTLED:
                 break
@@ -335,7 +335,6 @@ def _weighed(
     base = (slopes / noise[:, None]).reshape(residual.values.size, -1) * tolerances
     expected = (nominal.parameters(names) - machine.parameters(names)) / tolerances
     whitened = (residual.values / noise).ravel()
-    seen = SeenDirections.of(base)
     of_machine = causes_of_machine(readings, machine, postures, lead_m, middle)
     causes = (*of_machine, *mistakes_of(readings, machine, postures))
     selection = _selection(About.of(base, whitened, expected), causes, len(whitened))
@@ -356,9 +355,7 @@ def _weighed(
         expected=expected,
         base=base,
         whitened=whitened,
-        axes=seen.left,
-        sizes=seen.singular,
-        directions=seen.right.T,
+        directions=SeenDirections.of(base),
         causes=causes,
         selection=selection,
         entries=(),
@@ -370,7 +367,7 @@ def _weighed(
     if models.spare < FEWEST_SPARE:
         return models
     looked_for = [k for k, effect in enumerate(places) if effect is None]
-    entries = tuple(_entries(selection, models.free, looked_for))
+    entries = tuple(_entries(models, looked_for))
     weights, weights_of_names = _weights(entries), dict[Names, float]()
     for entry, weight in zip(entries, weights.tolist(), strict=True):
         names_of_entry = models.names(entry)
@@ -390,24 +387,20 @@ def _weights(entries: Sequence[ModelEntry]) -> FloatArray:
     return np.asarray(weights / weights.sum())
 
 
-def _entries(
-    selection: ModelSelection, free: ModelEntry, looked_for: Sequence[int]
-) -> Iterator[ModelEntry]:
+def _entries(models: WeighedCauses, looked_for: Sequence[int]) -> Iterator[ModelEntry]:
     """Models of causes ``looked_for``, the ``free`` ones in each of them."""
-    index = np.concatenate(
-        [np.zeros(0, dtype=np.intp), *(selection.columns[k] for k in free.members)]
-    )
-    scale = np.repeat(free.scales, [len(selection.columns[k]) for k in free.members])
-    taken, products = selection.products.taken_by(index, scale, slice(None)), selection.products
-    beside = Products(
-        products.inner - taken.shown.T @ taken.shown,
-        products.along - taken.along @ taken.shown,
-        products.square - float(taken.along @ taken.along),
+    selection, free = models.selection, models.free
+    products = selection.products
+    fitted = products.taken_by(models.index(free), models.scale(free), slice(None))
+    remainder = Products(
+        products.inner - fitted.shown.T @ fitted.shown,
+        products.along - fitted.along @ fitted.shown,
+        products.square - float(fitted.along @ fitted.along),
     )
     columns, prior = [selection.columns[k] for k in looked_for], selection.log_prior[[*looked_for]]
     further = replace(
         selection,
-        products=beside,
+        products=remainder,
         columns=columns,
         log_prior=prior,
         acting=len(free.members),
@@ -435,7 +428,12 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
         names = sure_names or claims[0].causes
         best = next((entry for entry in entries if models.names(entry) == names), entries[0])
         after = models.mean_square(best)
-        verdict = _verdict(models.weights_of_names, sure_claims, after[1])
+        if after[1] < UNLIKELY:
+            verdict = "unexplained"
+        elif models.weights_of_names.get((), 0.0) >= AGREED:
+            verdict = "agrees"
+        else:
+            verdict = "explained" if sure_claims else "ambiguous"
         sizes = tuple(_cause_sizes(models, best))
         platform_m = _at_platform(models, best)
     return HexaSlideDiagnosis(
@@ -480,17 +478,6 @@ def _claims(weights: Mapping[Names, float]) -> Iterator[HexaSlideClaim]:
             break
 
 
-def _verdict(
-    weights: Mapping[Names, float], sure_claims: tuple[HexaSlideClaim, ...], p_after: float
-) -> Verdict:
-    """The verdict by the constants of `calib.diagnosis.thresholds`."""
-    if p_after < UNLIKELY:
-        return "unexplained"
-    if weights.get((), 0.0) >= AGREED:
-        return "agrees"
-    return "explained" if sure_claims else "ambiguous"
-
-
 def _cause_sizes(models: WeighedCauses, entry: ModelEntry) -> Iterator[CauseSize]:
     for cause, values, variances in models.by_cause(entry):
         rows = zip(cause.names, values.tolist(), np.sqrt(variances).tolist(), strict=True)
@@ -512,3 +499,50 @@ def _at_platform(models: WeighedCauses, entry: ModelEntry) -> float:
     places = np.asarray(derivatives[:, :3]).reshape(len(shift), -1)
     remainder = shift - places @ np.linalg.lstsq(places, shift, rcond=1e-10)[0]
     return float(np.sqrt((remainder**2).sum() / len(postures)))
+
+
+PARTS = 5
+"""Of the postures: each is left out once, as `solve` keeps a fifth of them out."""
+
+
+@dataclass(frozen=True)
+class LeftOutGap:
+    """R.m.s. of what is missed of postures that are left out, in standard deviations of the noise:
+    without and with names whose size the other postures tell.
+    """
+
+    before: float
+    after: float
+
+
+def left_out_gap(models: WeighedCauses, names: Names) -> LeftOutGap | None:
+    """Every ``PARTS``-th posture left out in turn; ``models`` are those that have the names.
+
+    Adopted effects are fitted on both sides. None where the others are too few.
+    """
+    rows = np.arange(len(models.whitened)).reshape(len(models.readings.sliders), -1)
+    if len(rows) < PARTS or models.spare - rows[::PARTS].size < FEWEST_SPARE:
+        return None
+    best = models.entries[0]
+    widths = [len(models.selection.columns[k]) for k in best.members]
+    scaled = models.columns(best) * models.scale(best)
+    of_model = np.repeat([k in models.free.members for k in best.members], widths)
+    is_named = [(models.causes[k].id, models.causes[k].where) in names for k in best.members]
+    of_names = np.repeat(is_named, widths)
+    squares = np.zeros(2)
+    for part in range(PARTS):
+        out = rows[part::PARTS].ravel()
+        for number, columns in enumerate((of_model, of_model | of_names)):
+            errors = _missed(models, scaled[:, columns], out)
+            squares[number] += errors @ errors
+    before, after = (models.noise_times * np.sqrt(squares / len(models.whitened))).tolist()
+    return LeftOutGap(before, after)
+
+
+def _missed(models: WeighedCauses, columns: FloatArray, out: IntArray) -> FloatArray:
+    """What is missed of rows ``out`` by parameters and ``columns`` ``(n, r)`` fitted to others."""
+    base = np.hstack([models.base, columns])
+    expected = np.concatenate([models.expected, np.zeros(columns.shape[1])])
+    inside = np.setdiff1d(np.arange(len(base)), out)
+    about = About.of(base[inside], models.whitened[inside], expected)
+    return np.asarray(models.whitened[out] - base[out] @ (about.inverse @ about.along))

@@ -175,8 +175,8 @@ def explanations(
     are other sliders ``(6,)`` in which the machine may have stood, with their words.
     """
     first, ways = _first(readings), []
-    stood = ((label, replace(first, sliders=row[None])) for label, row in elsewhere)
-    for label, readings_beside in chain(other_ways(first), stood):
+    readings_elsewhere = ((label, replace(first, sliders=row[None])) for label, row in elsewhere)
+    for label, readings_beside in chain(other_ways(first), readings_elsewhere):
         departure = expectation.departure(readings_beside)
         if departure is not None and departure.p_value > PLAUSIBLE:
             ways.append(label)

@@ -59,19 +59,20 @@ class Geometry:
     links: Numbers
 
     def __post_init__(self) -> None:
-        for name, shape in (
-            ("base", (CHAINS, 3)),
-            ("rails", (CHAINS, 3)),
-            ("platform", (CHAINS, 3)),
-            ("links", (CHAINS,)),
-        ):
-            array = getattr(self, name)
+        for name, array in vars(self).items():
+            shape = (CHAINS,) if name == "links" else (CHAINS, 3)
             if array.shape != shape or not np.isfinite(array).all():
                 raise CalibrationError(
                     name, f"shape {array.shape}", f"finite numbers of shape {shape}: six chains"
                 )
-        if not self.telescopic:
-            self._check_rails()
+        for k, rail in enumerate(() if self.telescopic else self.rails.real, start=1):
+            length = float(np.sqrt(rail @ rail))
+            if abs(length**2 - 1.0) > NOT_UNIT:
+                raise CalibrationError(f"rail {k}", f"length {length:.10g}", "a unit vector")
+            if abs(rail[2]) < LEVEL:
+                raise CalibrationError(
+                    f"rail {k}", f"z = {rail[2]:g}", f"a rail that is not level, |z| ≥ {LEVEL:g}"
+                )
         if not self.telescopic and not (self.links.real > 0.0).all():
             raise CalibrationError("links", f"{self.links.real.min():g} m", "positive lengths")
         fixed = np.append(self.base[0], self.base[1, 1:]).real
@@ -102,16 +103,6 @@ class Geometry:
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return TELESCOPIC_NAMES if self.telescopic else NAMES
-
-    def _check_rails(self) -> None:
-        for k, rail in enumerate(self.rails.real, start=1):
-            length = float(np.sqrt(rail @ rail))
-            if abs(length**2 - 1.0) > NOT_UNIT:
-                raise CalibrationError(f"rail {k}", f"length {length:.10g}", "a unit vector")
-            if abs(rail[2]) < LEVEL:
-                raise CalibrationError(
-                    f"rail {k}", f"z = {rail[2]:g}", f"a rail that is not level, |z| ≥ {LEVEL:g}"
-                )
 
 
 @dataclass(frozen=True, eq=False)

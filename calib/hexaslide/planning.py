@@ -387,9 +387,8 @@ def differenced(procedure: Procedure, machine: HexaSlide, postures: FloatArray) 
         moved = forward_near(changed.geometry, sliders, postures)
         return read_at(procedure, changed, np.asarray(moved))
 
-    before = read(start)
-    steps = DIFFERENCE_STEP * np.eye(len(start))
-    return np.stack([(read(start + step) - before) / DIFFERENCE_STEP for step in steps], axis=-1)
+    values, steps = read(start), DIFFERENCE_STEP * np.eye(len(start))
+    return np.stack([(read(start + step) - values) / DIFFERENCE_STEP for step in steps], axis=-1)
 
 
 def _rule(rows: FloatArray, names: tuple[str, ...], rank: int, all_seen: int) -> PaperRule:

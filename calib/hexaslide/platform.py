@@ -131,9 +131,22 @@ class Places:
         now = frames_apart(aims, np.asarray(stands), calibration.laid_over)
         return PlatformError(now, bound_m, calibration.left_open, calibration.laid_over)
 
+    def bound_m(self, spread: FloatArray) -> float:
+        """The r.m.s. that 95 of 100 cases keep, normal along ``spread`` ``(3 p, r)``, metres."""
+        inner = spread.T @ spread
+        mean, variance = np.trace(inner), 2.0 * (inner**2).sum()
+        square, its_variance = np.array([[mean], [variance / self.count]]) / self.count
+        return root_quantile(np.ones(1), square, its_variance, COVERAGE)
+
     def without_frames(self, moved: FloatArray) -> FloatArray:
         """Movements ``(3 p, c)`` less what frames take over: that is no error."""
         return without(self.frames, moved)
+
+
+def root_of(covariance: FloatArray) -> FloatArray:
+    """A root ``(c, c)`` of a covariance that need not be definite."""
+    square, axes = np.linalg.eigh(covariance)
+    return np.asarray(axes * np.sqrt(np.maximum(square, 0.0)))
 
 
 def even_postures(machine: HexaSlide) -> FloatArray:
@@ -158,10 +171,8 @@ def platform_error(reference: HexaSlide, calibration: Calibration) -> PlatformEr
     bound = None
     if calibration.covariance is not None and not calibration.left_open:
         count = places.moved.shape[1]
-        squares = calibration.covariance[:count, :count] @ (places.moved.T @ places.moved)
-        mean, variance = np.trace(squares), 2.0 * np.trace(squares @ squares)
-        square, variance = np.array([[mean], [variance / places.count]]) / places.count
-        bound = root_quantile(np.ones(1), square, variance, COVERAGE)
+        root = root_of(calibration.covariance[:count, :count])
+        bound = places.bound_m(places.moved @ root)
         # one coverage factor counts that the noise itself is known from few degrees of freedom
         bound *= coverage_factor(calibration.degrees_of_freedom) / coverage_factor(np.inf)
         if (

@@ -69,8 +69,8 @@ class Procedure:
             raise ImpossibleRequest(
                 "known parts of the link", _list(self.known), f"different ones of {_list(ENDS)}"
             )
-        beside = self.measured[1:] if self.reads_length else self.measured
-        wrong = [name for name in beside if name not in MEASURABLE]
+        names = self.measured[1:] if self.reads_length else self.measured
+        wrong = [name for name in names if name not in MEASURABLE]
         is_empty = not self.measured and self.kind is not ProcedureKind.CONSTRAINT_LINK
         if wrong or is_empty or len(set(self.measured)) < len(self.measured):
             raise ImpossibleRequest(
@@ -167,14 +167,14 @@ def held_postures(machine: HexaSlide, count: int, seed: int) -> FloatArray:
     posture is held well, the best held ones. Raises UnreachablePosture, and as `HexaSlide.random`.
     """
     generator = np.random.default_rng(seed)
-    drawn = machine.random(count, generator)
-    worst = looseness(machine.geometry, drawn)
-    while (worst < WELL_HELD).sum() < count and len(drawn) < MOST_DRAWN * count:
-        drawn = np.concatenate([drawn, machine.random(count, generator)])
-        worst = np.append(worst, looseness(machine.geometry, drawn[-count:]))
+    candidates = machine.random(count, generator)
+    worst = looseness(machine.geometry, candidates)
+    while (worst < WELL_HELD).sum() < count and len(candidates) < MOST_DRAWN * count:
+        candidates = np.concatenate([candidates, machine.random(count, generator)])
+        worst = np.append(worst, looseness(machine.geometry, candidates[-count:]))
     rows_held = np.flatnonzero(worst < WELL_HELD)
     order = rows_held if len(rows_held) >= count else np.argsort(worst, kind="stable")
-    return np.asarray(drawn[order[:count]])
+    return np.asarray(candidates[order[:count]])
 
 
 def joint_radius(geometry: Geometry) -> float:

@@ -92,14 +92,9 @@ class Readings:
 
     def take(self, rows: NDArray[np.bool_]) -> Readings:
         """Only the postures where ``rows`` ``(p,)`` is true, with their numbers."""
-        return Readings(
-            self.procedure,
-            self.sliders[rows],
-            self.measured[rows],
-            self.length_noise_m,
-            self.angle_noise_rad,
-            tuple(self.number(int(row)) for row in np.flatnonzero(rows)),
-        )
+        numbers = tuple(self.number(int(row)) for row in np.flatnonzero(rows))
+        sliders, measured = self.sliders[rows], self.measured[rows]
+        return replace(self, sliders=sliders, measured=measured, numbers=numbers)
 
     def noisier(self, times: float) -> Readings:
         """The readings with so many times the noise."""

@@ -148,15 +148,10 @@ class Space:
     """Postures in the box, by their coordinates ``(p, 6)``, and the limits of the sliders."""
 
     def __init__(self, maker: RowMaker, machine: HexaSlide, *, few: bool) -> None:
-        self._maker, self._few = maker, few
+        self._maker, self._few, self.procedure = maker, few, maker.procedure
         self.machine, self.width = machine, maker.width
         self.lower, self.upper = machine.box.lower, machine.box.upper
         self._limited = bool(np.isfinite(machine.travel_m).any())
-
-    @property
-    def procedure(self) -> Procedure:
-        """What is read."""
-        return self._maker.procedure
 
     def random(self, count: int, generator: np.random.Generator) -> FloatArray:
         """Postures ``(count, 6)`` where a search may begin. Raises CalibrationError."""
@@ -170,9 +165,17 @@ class Space:
         """Postures of coordinates not far from those before. Raises UnreachablePosture."""
         return coordinates
 
+    def pulled(self, _postures: FloatArray, slopes: FloatArray) -> FloatArray:
+        """Derivatives by the coordinates from those by the postures ``(p, 6)``."""
+        return slopes
+
     def rows(self, coordinates: FloatArray) -> tuple[FloatArray, Pull]:
-        """Rows and their pull, a `calib.design.refinement.RowsAndPull`."""
-        return self.read(coordinates)
+        """Rows and their pull, a `calib.design.refinement.RowsAndPull`. Raises
+        UnreachablePosture.
+        """
+        postures = self.postures(coordinates)
+        rows, pull = self.read(postures)
+        return rows, lambda weights: self.pulled(postures, pull(weights))
 
     def read(self, postures: FloatArray) -> tuple[FloatArray, Pull]:
         """Rows of postures and their pull."""
@@ -240,16 +243,15 @@ class JointSpace(Space):
         self._known.append((coordinates.copy(), near))
         return near
 
-    def rows(self, coordinates: FloatArray) -> tuple[FloatArray, Pull]:
-        """Rows of sliders and their pull, a `calib.design.refinement.RowsAndPull`."""
-        postures = self.postures(coordinates)
-        rows, pull = self.read(postures)
+    def pulled(self, postures: FloatArray, slopes: FloatArray) -> FloatArray:
+        """Derivatives by the sliders from those by the postures ``(p, 6)``."""
         by_posture = self._maker.chains(postures).by_posture
-        return rows, lambda weights: _by_sliders(by_posture, pull(weights))
+        return np.asarray(np.linalg.solve(transposed(by_posture), slopes[..., None])[..., 0])
 
     def beyond(self, coordinates: FloatArray) -> tuple[float, FloatArray]:
         """The condition number in Frobenius' norm is smooth and no less than the usual one."""
-        chains = self._maker.chains(self.postures(coordinates))
+        postures = self.postures(coordinates)
+        chains = self._maker.chains(postures)
         slopes = chains.by_posture / self._size
         inverses = np.linalg.inv(slopes)
         squares = [(matrices**2).sum(axis=(1, 2)) for matrices in (slopes, inverses)]
@@ -259,7 +261,7 @@ class JointSpace(Space):
         by_slopes -= back @ inverses @ back / squares[1][:, None, None]
         by_slopes *= (2.0 * HOLD * over)[:, None, None] / self._size
         moved = chains.pull(np.zeros_like(chains.own), by_slopes)
-        return HOLD * float((over**2).sum()), _by_sliders(chains.by_posture, moved)
+        return HOLD * float((over**2).sum()), self.pulled(postures, moved)
 
     def allowed(self, coordinates: FloatArray) -> NDArray[np.bool_]:
         """Which hold the platform well ``(p,)``."""
@@ -288,12 +290,6 @@ class LinkSpace(Space):
         """Postures in the box or beyond its z, which is NaN where the link reaches nowhere."""
         return link_postures(self.machine, coordinates)
 
-    def rows(self, coordinates: FloatArray) -> tuple[FloatArray, Pull]:
-        """Rows and pull, a `calib.design.refinement.RowsAndPull`. Raises UnreachablePosture."""
-        postures = self.postures(coordinates)
-        rows, pull = self.read(postures)
-        return rows, lambda weights: self._along_link(postures, pull(weights))
-
     def beyond(self, coordinates: FloatArray) -> tuple[float, FloatArray]:
         """A z beyond the box costs as a slider beyond its rail."""
         postures = self.postures(coordinates)
@@ -301,28 +297,23 @@ class LinkSpace(Space):
         least, greatest = self.lower[2], self.upper[2]
         share = (postures[:, 2] - np.clip(postures[:, 2], least, greatest)) / (greatest - least)
         slopes[:, 2] += 2.0 * STEEP * share / (greatest - least)
-        return cost + STEEP * float((share**2).sum()), self._along_link(postures, slopes)
+        return cost + STEEP * float((share**2).sum()), self.pulled(postures, slopes)
 
     def allowed(self, coordinates: FloatArray) -> NDArray[np.bool_]:
         """Which postures are in the box ``(p,)``."""
         postures = self.postures(coordinates)
-        allowed = between(self.machine.box, postures)
-        allowed[allowed] = super().allowed(postures[allowed])
-        return allowed
+        inside = between(self.machine.box, postures)
+        inside[inside] = super().allowed(postures[inside])
+        return inside
 
-    def _along_link(self, postures: FloatArray, slopes: FloatArray) -> FloatArray:
-        """Derivatives by the coordinates from those by the postures ``(p, 6)``."""
+    def pulled(self, postures: FloatArray, slopes: FloatArray) -> FloatArray:
+        """Derivatives by the coordinates, z following, from those by the postures ``(p, 6)``."""
         turn = self._maker.chains(postures).legs.arms.turn
         bar = Bar.at(present(self.machine.link), postures, turn).by_posture
         return np.asarray(slopes - slopes[:, 2:3] / bar[:, 2:3] * bar)
 
 
 SPACES: dict[SearchSpace, type[Space]] = {"box": Space, "joints": JointSpace, "link": LinkSpace}
-
-
-def _by_sliders(by_posture: FloatArray, slopes: FloatArray) -> FloatArray:
-    """Derivatives by the sliders from those by the postures ``(p, 6)``."""
-    return np.asarray(np.linalg.solve(transposed(by_posture), slopes[..., None])[..., 0])
 
 
 def searches(
@@ -366,14 +357,13 @@ def searches(
         refined_postures = _taken_back(space, begin, refined_postures, aim)
         return space.postures(refined_postures.coordinates), refined_postures
 
-    sign = 1.0 if search.criterion.larger_is_better else -1.0
     best: BestPostures | None = None
     values: tuple[float, ...] = ()
     for begin, (end, optimum) in zip(
         begins, clusters.in_parallel(refined, list(enumerate(begins))), strict=True
     ):
         values += (optimum.value,)
-        if best is None or sign * optimum.value > sign * best.refined.value:
+        if best is None or search.criterion.better(optimum.value, best.refined.value):
             best = _described(space, search, begin, end, optimum)
         best = replace(best, values=values, seconds=time.perf_counter() - began)
         yield best
@@ -443,17 +433,17 @@ def _taken_back(
 ) -> RefinedPostures:
     """Coordinates that pass a limit moved back towards where they began until they do not."""
     way = refined.coordinates - begin
-    allowed = space.allowed(refined.coordinates)
-    if allowed.all():
+    fits_there = space.allowed(refined.coordinates)
+    if fits_there.all():
         return refined
     within, beyond = np.zeros((len(begin), 1)), np.ones((len(begin), 1))
     for _ in range(HALVINGS):
         middle = (within + beyond) / 2.0
         fits = space.allowed(begin + middle * way)[:, None]
         within, beyond = np.where(fits, middle, within), np.where(fits, beyond, middle)
-    moved = np.where(allowed[:, None], refined.coordinates, begin + within * way)
+    moved = np.where(fits_there[:, None], refined.coordinates, begin + within * way)
     value = judged(space.rows(moved)[0], aim)
-    if (value <= refined.start_value) == aim.criterion.larger_is_better:
+    if not aim.criterion.better(value, refined.start_value):
         moved, value = begin, refined.start_value
     on_bound = count_on_bound(moved, space.lower, space.upper)
     return RefinedPostures(moved, value, refined.start_value, on_bound)

@@ -70,7 +70,7 @@ class PostureTrial:
         places = Places.of(reference, models.calibration.machine, models.calibration.laid_over)
         alone = over_all(models, places)[:, index]
         misled = moved_by(models, places) @ models.given_way[:, index] + alone
-        columns = without(models.axes, cause.columns)
+        columns = without(models.directions.left, cause.columns)
         best: tuple[float, ...] = ()
         deviations: tuple[float, ...] = ()
         inner = columns.T @ columns
@@ -105,7 +105,8 @@ class PostureTrial:
     def at(self, values: Sequence[float]) -> CauseAtSize:
         """The cause with these sizes ``(r,)``, in its unit."""
         sizes = np.array(values)
-        remainder = without(self.models.axes, self.models.whitened) - self.columns @ sizes
+        remainder = without(self.models.directions.left, self.models.whitened)
+        remainder -= self.columns @ sizes
         remainder *= self.models.noise_times
         spare = max(self.models.spare, 1)
         ratio = float(remainder @ remainder) / spare

@@ -39,9 +39,9 @@ from calib.posterior.selection import ADOPTED
 from calib.posterior.statements import NOTHING, Statement
 from calib.tripod.effects.bars import LegLength
 from calib.tripod.effects.candidates import placed_columns
-from calib.tripod.effects.contacts import ROUND, SHAPES
 from calib.tripod.effects.drives import AxisOffset
 from calib.tripod.effects.effect import AdoptedLaws, Effect, EffectInstance, Placed
+from calib.tripod.effects.gauges import ROUND, SHAPES
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 

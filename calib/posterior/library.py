@@ -17,7 +17,6 @@ import numpy as np
 from calib.arrays import Conditions, FloatArray, IntArray, numbered, rows_of
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
 from calib.tripod.effects.candidates import Candidate, Share, candidates_together
-from calib.tripod.effects.contacts import BowOfTouchedPlate, PlatformTilt
 from calib.tripod.effects.drives import (
     ISO_LEADS_MM,
     ActuatorCyclic,
@@ -26,6 +25,7 @@ from calib.tripod.effects.drives import (
 )
 from calib.tripod.effects.effect import Effect, EffectInstance, Kind, Placed
 from calib.tripod.effects.empirical import BASES, Coupling, Empirical, Repeating
+from calib.tripod.effects.gauges import BowOfTouchedPlate, PlatformTilt
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, Stage
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from calib.tripod.effects.contacts import BowOfTouchedPlate, PlatformTilt
 from calib.tripod.effects.drives import ActuatorScale, AxisLean, AxisOffset, AxisSquareness
+from calib.tripod.effects.gauges import BowOfTouchedPlate, PlatformTilt
 
 OF_DIRECTIONS = (AxisLean.id, AxisSquareness.id, ActuatorScale.id)
 OF_CONTACTS = (BowOfTouchedPlate.id, PlatformTilt.id)

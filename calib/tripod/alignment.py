@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import compress, permutations
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,7 @@ from calib.tripod.effects.effect import (
 )
 from calib.tripod.geometry import Geometry, Three
 from calib.tripod.movements import with_first_movements
-from calib.tripod.pipeline import Flow, Model, Stage, command, derivatives, posture
+from calib.tripod.pipeline import Flow, Model, Stage, command, derivatives
 
 LEAN_TOLERANCE_MRAD = 5.0
 DISTANCE_TOLERANCE_MM = 5.0
@@ -138,24 +139,24 @@ def alignment(
     hold = np.diag(1.0 / np.concatenate([tolerance_mm, limits]) ** 2)
     nominal = np.concatenate([np.zeros(6), *figures_of(geometry)])
     x = np.zeros(12)
+
+    def readings(x: FloatArray) -> FloatArray:
+        return _model(geometry, nominal + x, reference).readings(visits)
+
     for _ in range(ROUNDS):
-        model = _model(geometry, nominal + x, reference)
-        base = derivatives(geometry, x[:6], visits, model.effects)
-        columns = []
-        for step in STEP * np.eye(12)[6:]:
-            ahead, behind = (
-                _model(geometry, nominal + x + way * step, reference).readings(visits)
-                for way in (1.0, -1.0)
-            )
-            columns.append((ahead - behind)[:, None] / (2.0 * STEP))
-        rows = without_zeros(visits, root**2, np.hstack([base, *columns])) * root[:, None]
-        off = without_zeros(visits, root**2, visits.value_mm - model.readings(visits)) * root
+        drives = _model(geometry, nominal + x, reference).effects
+        base = derivatives(geometry, x[:6], visits, drives)
+        steps = STEP * np.eye(12)[6:]
+        columns = [(readings(x + step) - readings(x - step)) / (2.0 * STEP) for step in steps]
+        design = np.column_stack([base, *columns])
+        rows = without_zeros(visits, root**2, design) * root[:, None]
+        off = without_zeros(visits, root**2, visits.value_mm - readings(x)) * root
         covariance = np.linalg.inv(rows.T @ rows + hold)
         x = x + covariance @ (rows.T @ off - hold @ x)
     seen_figures = np.sqrt(covariance.diagonal())[6:] < np.array(limits) / FINE_ENOUGH
     if not seen_figures.all():
         names = [f"squareness {p}" for p in PAIRS] + [f"distance {p}" for p in AROUND]
-        unseen = [name for name, is_seen in zip(names, seen_figures, strict=True) if not is_seen]
+        unseen = compress(names, ~seen_figures)
         raise NotIdentifiable(
             "alignment",
             f"readings that do not show {', '.join(unseen)}",
@@ -318,8 +319,8 @@ def shims(
 
 
 def _lean(first: int, second: int) -> FloatArray:
-    names = [LEG_NAMES[first] + LEG_NAMES[second], LEG_NAMES[second] + LEG_NAMES[first]]
-    return np.array([*(float(pair in names) for pair in PAIRS), 0.0, 0.0, 0.0])
+    pair = {LEG_NAMES[first], LEG_NAMES[second]}
+    return np.array([*(float(pair == {*name}) for name in PAIRS), 0.0, 0.0, 0.0])
 
 
 def _distance(first: int, second: int) -> FloatArray:
@@ -329,16 +330,11 @@ def _distance(first: int, second: int) -> FloatArray:
 
 def slope_at_zero_mm(model: Model, leg: int, towards: int) -> float:
     """How much further along an axis the foot of a leg is than its tool end, at Zero."""
-    conditions_at_zero = conditions([leg], [towards], [0.0])
-    flow = posture(
-        model.geometry,
-        model.parameters_mm,
-        conditions_at_zero,
-        command(model.geometry, conditions_at_zero),
-        model.effects,
-    )
-    bar_mm = flow.foot_mm[0, leg] - flow.tool_mm[0] - model.geometry.platform[leg]
-    return float(bar_mm @ model.geometry.read_along[leg, towards])
+    geometry, at_zero = model.geometry, conditions([leg], [towards], [0.0])
+    joint_mm = command(geometry, at_zero)
+    flow = Flow(geometry, model.parameters_mm, at_zero, joint_mm, model.effects)
+    end, foot = flow.bar_mm
+    return float((foot - end)[0] @ geometry.read_along[leg, towards])
 
 
 @dataclass(frozen=True)
@@ -370,8 +366,7 @@ def misaligned(geometry: Geometry, seed: int) -> tuple[RailMoved, ...]:
     generator = np.random.default_rng([seed, 6])
     off = generator.uniform(-1.0, 1.0, (3, 3, 2)) * (1.0, 2e-3)
     return tuple(
-        RailMoved(rail, towards, float(off[rail, towards, 0]), float(off[rail, towards, 1]))
-        for rail in range(3)
-        for towards in range(3)
-        if rail != towards and geometry.common_zero
+        RailMoved(rail, towards, *off[rail, towards].tolist())
+        for rail, towards in permutations(range(3), 2)
+        if geometry.common_zero
     )

@@ -3,6 +3,10 @@
 q is the joint coordinate that the controller believes, e(q) = true - believed place of the
 carriage. The stages of the pipeline alone tell what an effect does: those of the actuator go into
 entries of a joint, those of foot and tool into the kinematics, the others harm no tool.
+
+LinuxCNC keeps MIN_LIMIT and MAX_LIMIT as coordinates of the joint. Homing gives the switch the
+coordinate HOME_OFFSET. A changed HOME_OFFSET therefore moves the limits along the machine, and the
+switch stays where it is (`travel_of`).
 """
 
 from __future__ import annotations
@@ -10,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TypeGuard
 
 import numpy as np
@@ -20,8 +24,8 @@ from calib.errors import ImpossibleRequest
 from calib.tripod.effects.bars import GravitySag, LegLength
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry, inverse
-from calib.tripod.pipeline import Model, Stage, StageEffect, driven
-from calib.tripod.workspace import machine_at, reached, workspace_points
+from calib.tripod.pipeline import Model, Stage, StageEffect
+from calib.tripod.workspace import machine_at, workspace_points
 
 MOST_POINTS = 256
 """Lines of a compensation table that LinuxCNC reads."""
@@ -124,10 +128,11 @@ class Table:
         """
         error_mm = self.error_up_mm if way > 0 else self.error_down_mm
 
-        def absorbed_mm(former_mm: FloatArray) -> FloatArray:
-            return np.interp(believed_mm + former_mm, self.joint_mm, error_mm)
-
-        return float(_settled(absorbed_mm, np.zeros(1))[0])
+        settled_mm = _settled(
+            lambda former_mm: np.interp(believed_mm + former_mm, self.joint_mm, error_mm),
+            np.zeros(1),
+        )
+        return float(settled_mm[0])
 
     def turned(self) -> Table:
         """The table for a coordinate that counts the other way."""
@@ -174,9 +179,7 @@ def carriage_error_mm(model: Model, joint_mm: FloatArray, way: float) -> FloatAr
 
     ``way`` -1 is downwards. Includes d_rho.
     """
-    conditions = reached(len(joint_mm), way)
-    flow = driven(model.geometry, model.parameters_mm, conditions, joint_mm, model.effects)
-    return np.asarray(flow.carriage_mm - joint_mm)
+    return np.asarray(machine_at(model, joint_mm, way).carriage_mm - joint_mm)
 
 
 @lru_cache(maxsize=12)
@@ -398,14 +401,13 @@ def _added_mm(model: Model) -> tuple[FloatArray, FloatArray]:
     """
     position_mm, offset = _judged_mm(model.geometry), np.array(model.parameters_mm[:3])
 
-    def added_mm(way: float) -> FloatArray:
-        def with_former(former_mm: FloatArray) -> FloatArray:
-            believed_mm = position_mm - offset - former_mm
-            return np.asarray(carriage_error_mm(model, believed_mm, way) - offset)
+    def added_mm(former_mm: FloatArray, way: float) -> FloatArray:
+        believed_mm = position_mm - offset - former_mm
+        return np.asarray(carriage_error_mm(model, believed_mm, way) - offset)
 
-        return _settled(with_former, np.zeros_like(position_mm))
-
-    return added_mm(1.0), added_mm(-1.0)
+    nothing_mm = np.zeros_like(position_mm)
+    up, down = (_settled(partial(added_mm, way=way), nothing_mm) for way in (1.0, -1.0))
+    return up, down
 
 
 def _settled(step: Callable[[FloatArray], FloatArray], value_mm: FloatArray) -> FloatArray:
@@ -428,3 +430,73 @@ def _sum_mm(model: Model, kind: type) -> FloatArray:
 
 def _of_bar(effect: StageEffect, *kinds: type) -> TypeGuard[EffectInstance]:
     return isinstance(effect, EffectInstance) and isinstance(effect.effect, kinds)
+
+
+@dataclass(frozen=True)
+class Switch:
+    """A home switch, mm: its coordinate after the change, and the limit that it stands nearest to.
+
+    That is the upper one where ``side`` is 1, the lower one where it is -1.
+    ``beyond_now`` and ``beyond_after`` are how far it stands outside that limit, negative where
+    inside; None where the limit towards which it is searched for is not stated.
+    """
+
+    at_mm: float
+    side: int
+    beyond_now_mm: float | None
+    beyond_after_mm: float | None
+
+    @property
+    def newly_inside(self) -> bool:
+        """Whether the joint reaches it within its limits after the change and did not before."""
+        beyond_now_mm, beyond_after_mm = self.beyond_now_mm, self.beyond_after_mm
+        if beyond_now_mm is None or beyond_after_mm is None:
+            return False
+        return beyond_after_mm < -NOTHING_MM and beyond_now_mm >= -NOTHING_MM
+
+
+@dataclass(frozen=True)
+class JointTravel:
+    """Limits of a joint now and after the change, mm; None where one of them is not stated.
+
+    ``home_beyond_mm`` is how far homing ends beyond the switch after the change where it did not
+    before, else 0.
+    """
+
+    now_mm: tuple[float, float] | None
+    after_mm: tuple[float, float] | None
+    switch: Switch | None
+    home_beyond_mm: float = 0.0
+
+
+def travel_of(
+    model: Model, drive: int, joint: ControllerJoint, entries: JointEntries, way: int = 1
+) -> JointTravel:
+    """The travel of a drive's joint with these entries; with ``way`` -1 it counts against it.
+
+    In the coordinate that the joint has after the change: a limit q was at q + e(q) until then.
+    """
+
+    def moved_mm(limit_mm: float, sense: int) -> float:
+        """Where a limit was until now; it is reached upwards (1) or downwards."""
+        at = np.full((1, 3), way * limit_mm)
+        return limit_mm + way * float(carriage_error_mm(model, at, way * sense)[0, drive])
+
+    limits_now = limits_after = None
+    if joint.min_limit_mm is not None and joint.max_limit_mm is not None:
+        limits_after = (joint.min_limit_mm, joint.max_limit_mm)
+        limits_now = (moved_mm(limits_after[0], -1), moved_mm(limits_after[1], 1))
+    search = joint.search_sign or 0
+    if not search or joint.absolute_encoder:
+        return JointTravel(limits_now, limits_after, None)
+    at_mm = joint.home_offset_mm + entries.home_change_mm
+    onto_mm = search * (joint.home_mm - at_mm)
+    was_onto = search * (joint.home_mm - joint.home_offset_mm) > NOTHING_MM
+    beyond_mm = onto_mm if onto_mm > NOTHING_MM and not was_onto else 0.0
+    switch = Switch(at_mm, search, None, None)
+    limits = {-1: joint.min_limit_mm, 1: joint.max_limit_mm}
+    if limits[search] is not None:
+        sides = [(side, limit) for side, limit in limits.items() if limit is not None]
+        side, limit = min(sides, key=lambda place: abs(at_mm - place[1]))
+        switch = Switch(at_mm, side, side * (joint.home_offset_mm - limit), side * (at_mm - limit))
+    return JointTravel(limits_now, limits_after, switch, beyond_mm)

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from calib.arrays import LEG_NAMES, TOOL, Conditions, FloatArray, Observations, numbered, rows_of
+from calib.arrays import (
+    LEG_NAMES,
+    TOOL,
+    Conditions,
+    FloatArray,
+    IntArray,
+    Observations,
+    numbered,
+    rows_of,
+)
 from calib.errors import NotIdentifiable
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import derivatives
@@ -43,7 +51,7 @@ CONTACT: Level = ()
 OVER_PLANE = "@p"
 """In the name of a difference, before the station."""
 
-Terms = tuple[NDArray[np.intp], FloatArray]
+Terms = tuple[IntArray, FloatArray]
 """Rows of the readings and their weights in one difference."""
 
 
@@ -75,7 +83,7 @@ class Differences:
         return len(self.names)
 
     @property
-    def published_rows(self) -> NDArray[np.intp]:
+    def published_rows(self) -> IntArray:
         """Rows that the papers tabulate: Max and Min (or Max minus Min) at one station.
 
         Those over a plane, which the papers only describe, are among them. Without any of these it
@@ -97,8 +105,8 @@ def differences(geometry: Geometry, observations: Observations) -> Differences:
     """
     terms: dict[Key, list[Terms]] = {}
     for members in observations.mountings:
-        for key, mean in _differences_of_mount(observations, members):
-            terms.setdefault(key, []).append(mean)
+        for key, terms_of_mount in _differences_of_mount(observations, members):
+            terms.setdefault(key, []).append(terms_of_mount)
     if not terms:
         raise NotIdentifiable(
             "differences between postures",
@@ -134,31 +142,32 @@ def _matrix(rows: list[list[Terms]], reading_count: int) -> csr_array:
 
 
 def _differences_of_mount(
-    observations: Observations, members: NDArray[np.intp]
+    observations: Observations, members: IntArray
 ) -> Iterable[tuple[Key, Terms]]:
-    """Key and terms of each difference to the mounting's reference posture."""
-    if observations.over_plane[members[0]]:
+    """Key and terms of each difference to the mounting's reference posture.
+
+    Of contacts it is the mean of all places: no place is the one that all others err by.
+    """
+    first = members[0]
+    if observations.over_plane[first]:
         yield from _over_plane(observations, members)
         return
+    leg, axis = int(observations.leg[first]), int(observations.axis[first])
+    along = observations.position_mm if leg == TOOL else observations.displacement_mm[:, None]
     cells = [members[rows] for rows in rows_of(observations.level[members])]
-    levels = [_level(observations, cell[0]) for cell in cells]
-    if observations.contact[members[0]]:
-        yield from _about_their_mean(observations, cells, levels)
-        return
-    zeros = [k for k, cell in enumerate(cells) if observations.at_zero[cell[0]]]
-    reference = zeros[0] if zeros else 0
-    zero, zero_weight = _mean(observations, cells[reference])
-    first = members[0]
-    where = (
-        int(observations.leg[first]),
-        int(observations.axis[first]),
-        float(observations.station[first]),
-    )
-    for level, cell in zip(levels, cells, strict=True):
-        if level != levels[reference]:
-            index, weight = _mean(observations, cell)
-            terms = np.concatenate([index, zero]), np.concatenate([weight, -zero_weight])
-            yield (*where, False, level, levels[reference]), terms
+    levels = [tuple(along[cell[0]].tolist()) for cell in cells]
+    means = [_mean(observations, cell) for cell in cells]
+    if observations.contact[first]:
+        all_rows, weights = (np.concatenate(parts) for parts in zip(*means, strict=True))
+        of_reference, reference = CONTACT, (all_rows, weights / len(cells))
+    else:
+        zeros = [k for k, cell in enumerate(cells) if observations.at_zero[cell[0]]]
+        number = zeros[0] if zeros else 0
+        of_reference, reference = levels[number], means[number]
+    for level, (index, weight) in zip(levels, means, strict=True):
+        if len(cells) > 1 and level != of_reference:
+            terms = np.concatenate([index, reference[0]]), np.concatenate([weight, -reference[1]])
+            yield (leg, axis, float(observations.station[first]), False, level, of_reference), terms
 
 
 def _unlike(names: Iterable[str]) -> tuple[str, ...]:
@@ -171,29 +180,7 @@ def _unlike(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(unlike)
 
 
-def _about_their_mean(
-    observations: Observations, cells: Sequence[NDArray[np.intp]], levels: Sequence[Level]
-) -> Iterable[tuple[Key, Terms]]:
-    """Each place of contacts less the mean of all: no place is the one that all others err by."""
-    if len(cells) < 2:
-        return
-    means = [_mean(observations, cell) for cell in cells]
-    all_rows = np.concatenate([rows for rows, _ in means])
-    all_weights = np.concatenate([weight for _, weight in means]) / len(cells)
-    first = int(cells[0][0])
-    where = (
-        int(observations.leg[first]),
-        int(observations.axis[first]),
-        float(observations.station[first]),
-    )
-    for level, (rows, weight) in zip(levels, means, strict=True):
-        terms = np.concatenate([rows, all_rows]), np.concatenate([weight, -all_weights])
-        yield (*where, False, level, CONTACT), terms
-
-
-def _over_plane(
-    observations: Observations, members: NDArray[np.intp]
-) -> Iterable[tuple[Key, Terms]]:
+def _over_plane(observations: Observations, members: IntArray) -> Iterable[tuple[Key, Terms]]:
     """Heights less those of the line through both ends of the leg at the reference."""
     place = numbered(observations.station[members], observations.displacement_mm[members])
     cells = [members[rows] for rows in rows_of(place)]
@@ -212,23 +199,16 @@ def _over_plane(
         if k not in (near, far):
             share = (along[k] - along[near]) / (along[far] - along[near])
             weights = ((k, 1.0), (near, share - 1.0), (far, -share))
-            terms = [
-                (rows, w * mean_rows)
-                for j, w in weights
-                for rows, mean_rows in [_mean(observations, cells[j])]
-            ]
-            index, weight = zip(*terms, strict=True)
-            key = (*where, float(station[k]), True, (float(level[k]),), (reference,))
-            yield key, (np.concatenate(index), np.concatenate(weight))
+            means = [(_mean(observations, cells[j]), w) for j, w in weights]
+            index = np.concatenate([rows for (rows, _), _ in means])
+            weight = np.concatenate([w * mean for (_, mean), w in means])
+            yield (
+                (*where, float(station[k]), True, (float(level[k]),), (reference,)),
+                (index, weight),
+            )
 
 
-def _level(observations: Observations, row: int) -> Level:
-    if observations.leg[row] == TOOL:
-        return tuple(observations.position_mm[row].tolist())
-    return (float(observations.displacement_mm[row]),)
-
-
-def _mean(observations: Observations, cell: NDArray[np.intp]) -> Terms:
+def _mean(observations: Observations, cell: IntArray) -> Terms:
     """Rows and weights that average one posture of one mounting."""
     return cell, observations.averaged[cell] / observations.averaged[cell].sum()
 

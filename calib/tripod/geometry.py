@@ -93,12 +93,14 @@ class Geometry:
     plane_mm: Pair | None = None
 
     def __post_init__(self) -> None:
-        for name in ("parallelogram_width_mm", "tool_radius_mm"):
-            if not getattr(self, name) > 0:
-                raise CalibrationError(name, f"{getattr(self, name):g}", "a positive length in mm")
-        for length in self.leg_length_mm:
-            if not length > 0:
-                raise CalibrationError("leg_length_mm", f"{length:g}", "a positive length in mm")
+        sizes = [
+            ("parallelogram_width_mm", self.parallelogram_width_mm),
+            ("tool_radius_mm", self.tool_radius_mm),
+            *(("leg_length_mm", length) for length in self.leg_length_mm),
+        ]
+        for name, size in sizes:
+            if not size > 0:
+                raise CalibrationError(name, f"{size:g}", "a positive length in mm")
         for name, (low, high) in zip(LEG_NAMES, self.usable_bar, strict=True):
             if not 0.0 <= low < high <= 1.0:
                 raise CalibrationError(
@@ -106,11 +108,6 @@ class Geometry:
                     f"{low:g} … {high:g}, not a part of it",
                     "fractions from the tool end, 0 ≤ first < second ≤ 1",
                 )
-        self._check_limits()
-        self._check_zero()
-        self._check_workspace()
-
-    def _check_limits(self) -> None:
         shortest = min(self.leg_length_mm) if self.of_papers else math.inf
         if not -shortest < self.travel_min_mm < 0 < self.travel_max_mm:
             raise CalibrationError(
@@ -125,15 +122,13 @@ class Geometry:
                 f"{self.travel_max_mm:g}",
                 f"less than the leg length {shortest:g} mm",
             )
-
-    def _check_zero(self) -> None:
-        """The bars must reach at Zero, and the drives must move the tool every way there."""
         for name, direction in zip(LEG_NAMES, self.direction, strict=True):
             if abs(sum(part * part for part in direction) - 1.0) > UNIT:
                 raise CalibrationError(
                     f"direction of drive {name}", str(direction), "a vector of length 1"
                 )
         self._check_posture((0.0, 0.0, 0.0), "at Zero")
+        self._check_workspace()
 
     def _check_workspace(self) -> None:
         """The corners of a box that the file names must be reached, and not be singular."""
@@ -147,23 +142,20 @@ class Geometry:
                 "the lowest corner first, then the highest",
             )
         for corner in product(*zip(low, high, strict=True)):
-            tool_mm = (corner[0], corner[1], corner[2])
-            self._check_posture(tool_mm, f"with the tool at {corner} mm")
-            self._check_travel(tool_mm)
+            self._check_posture(corner, f"with the tool at {corner} mm")
+            travel = inverse(self, corner) - self.zero_mm
+            for name, way in zip(LEG_NAMES, travel.tolist(), strict=True):
+                if not self.travel_min_mm - UNIT <= way <= self.travel_max_mm + UNIT:
+                    raise CalibrationError(
+                        f"workspace_mm, corner {corner} mm",
+                        f"carriage {name} at {way:+.3f} mm from Zero",
+                        f"its joint limits {self.travel_min_mm:g} … {self.travel_max_mm:g} mm",
+                        "glidecal workspace gives the largest cube that they allow.",
+                    )
 
-    def _check_travel(self, tool_mm: Triple) -> None:
-        travel = inverse(self, tool_mm) - self.zero_mm
-        for name, way in zip(LEG_NAMES, travel.tolist(), strict=True):
-            if not self.travel_min_mm - UNIT <= way <= self.travel_max_mm + UNIT:
-                raise CalibrationError(
-                    f"workspace_mm, corner {tool_mm} mm",
-                    f"carriage {name} at {way:+.3f} mm from Zero",
-                    f"its joint limits {self.travel_min_mm:g} … {self.travel_max_mm:g} mm",
-                    "glidecal workspace gives the largest cube that they allow.",
-                )
-
-    def _check_posture(self, tool_mm: Triple, where: str) -> None:
-        reach = self.reach_mm2(np.array(tool_mm))
+    def _check_posture(self, tool_mm: tuple[float, ...], where: str) -> None:
+        tool = np.array(tool_mm)
+        reach = self.reach_mm2(tool)
         for k, name in enumerate(LEG_NAMES):
             if not reach[k] > 0.0:
                 raise CalibrationError(
@@ -173,7 +165,7 @@ class Geometry:
                     "the distance from the platform's joint to the line of the drive",
                     "Check the bar's length, the drive's origin and direction, and the platform.",
                 )
-        volume = abs(float(np.linalg.det(self.bars(np.array(tool_mm)))))
+        volume = abs(float(np.linalg.det(self.bars(tool))))
         slope = float((np.sqrt(reach) / self.lengths).min())
         if volume < LEAST_VOLUME or slope < LEAST_SLOPE:
             raise CalibrationError(
@@ -329,7 +321,7 @@ class Geometry:
             return {LEG_NAMES[i] + LEG_NAMES[j]: self.read_along[i, j] for i, j in pairs}
         drives_across = {}
         for i, name in enumerate(LEG_NAMES):
-            radial = self._radial(i)
+            radial = self._across(i, *self._outwards(i))
             drives_across[name + "r"] = radial
             drives_across[name + "t"] = np.array(cross(self.directions[i], radial))
         return drives_across
@@ -342,12 +334,8 @@ class Geometry:
         """
         if first == second:
             return np.asarray(self.directions[first])
-        for way in (self.directions[second], self.origins[second] - self.origins[first]):
-            across = self._across(first, way)
-            size = float(np.linalg.norm(across))
-            if size > UNIT:
-                return across / size
-        return self._radial(first)
+        between_origins = self.origins[second] - self.origins[first]
+        return self._across(first, self.directions[second], between_origins, *self._outwards(first))
 
     def reach_mm2(self, tool_mm: FloatArray) -> FloatArray:
         """Squares ``(..., 3)`` of what each bar covers along its drive for tools ``(..., 3)``."""
@@ -396,19 +384,20 @@ class Geometry:
         """What each bar covers along its drive at Zero of its leg, and along it ``(3,)``, mm."""
         return np.asarray(np.sqrt(self.reach_mm2(self.leg_zero_mm[:3]).diagonal()))
 
-    def _radial(self, drive: int) -> FloatArray:
-        """Across a drive, away from the tool; where it goes through it, away from the others."""
+    def _outwards(self, drive: int) -> tuple[FloatArray, ...]:
+        """Ways from the tool to a drive; if it goes through the tool, away from the others."""
         sum_of_others = self.directions.sum(axis=0) - self.directions[drive]
-        for way in (self.anchors[drive], -sum_of_others, *np.eye(3)):
-            across = self._across(drive, way)
+        return self.anchors[drive], -sum_of_others, *np.eye(3)
+
+    def _across(self, drive: int, *ways: FloatArray) -> FloatArray:
+        """Unit vector ``(3,)`` across a drive, along the first of these ways that leads across."""
+        direction = self.directions[drive]
+        for way in ways:
+            across = way - (way @ direction) * direction
             size = float(np.linalg.norm(across))
             if size > UNIT:
-                return across / size
+                return np.asarray(across / size)
         raise AssertionError("no direction is parallel to all coordinates")
-
-    def _across(self, drive: int, way: FloatArray) -> FloatArray:
-        direction = self.directions[drive]
-        return np.asarray(way - (way @ direction) * direction)
 
 
 def inverse(geometry: Geometry, tool_mm: ArrayLike) -> FloatArray:
@@ -454,15 +443,18 @@ def trilaterate(
     to_second = [end - here for end, here in zip(second, origin, strict=True)]
     to_third = [end - here for end, here in zip(third, origin, strict=True)]
     square = leg_length_mm * leg_length_mm
-    along_second = (_square(to_second) + square[..., 0] - square[..., 1]) / 2
-    along_third = (_square(to_third) + square[..., 0] - square[..., 2]) / 2
     normal = cross(to_second, to_third)
-    normal_square = _square(normal)
+    second_square, third_square, normal_square = (
+        x * x + y * y + z * z for x, y, z in (to_second, to_third, normal)
+    )
+    along_second = (second_square + square[..., 0] - square[..., 1]) / 2
+    along_third = (third_square + square[..., 0] - square[..., 2]) / 2
     in_plane = [
         (along_second * across + along_third * crossed) / normal_square
         for across, crossed in zip(cross(to_third, normal), cross(normal, to_second), strict=True)
     ]
-    height_square = square[..., 0] - _square(in_plane)
+    x, y, z = in_plane
+    height_square = square[..., 0] - (x * x + y * y + z * z)
     if not refuse:
         height_square = np.where(height_square.real >= 0.0, height_square, np.nan)
     elif height_square.size and not height_square.real.min() >= 0.0:
@@ -506,11 +498,6 @@ def cross(first: Coordinates, second: Coordinates) -> list[NDArray[Any]]:
     """Cross products, coordinate by coordinate."""
     (x, y, z), (u, v, w) = first, second
     return [y * w - z * v, z * u - x * w, x * v - y * u]
-
-
-def _square(vector: Coordinates) -> NDArray[Any]:
-    x, y, z = vector
-    return np.asarray(x * x + y * y + z * z)
 
 
 def _unreachable(position: NDArray[Any], subject: str) -> UnreachablePosture:

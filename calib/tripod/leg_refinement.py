@@ -6,12 +6,12 @@ distinct as they were chosen, and are rounded to what can be dialled before they
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import TINY, FloatArray, IntArray
+from calib.arrays import TINY, FloatArray, IntArray, numbered
 from calib.design.criteria import Aim
 from calib.design.refinement import Pull, judged, refine
 from calib.tripod.pool import DIAL_DECIMALS, LegPool
@@ -49,11 +49,7 @@ def move_off_grid(
     figures_before, figures_after = (
         judged(judged_postures.rows / noise_mm, aim) for judged_postures in (postures, rounded)
     )
-    better = (
-        figures_after > figures_before
-        if aim.criterion.larger_is_better
-        else figures_after < figures_before
-    )
+    better = aim.criterion.better(figures_after, figures_before)
     better &= _different(rounded) == _different(postures)  # a short travel has few tenths
     on_bar = grid.geometry.on_bar(rounded.leg, rounded.station, rounded.displacement_mm)
     return rounded if better and on_bar.all() else postures
@@ -78,11 +74,11 @@ class _Moves:
     def of(grid: LegPool, postures: LegPool) -> _Moves:
         alike = _legs_alike(postures)
         legs = np.zeros_like(postures.leg) if alike else postures.leg
-        visits = list(
-            zip(legs, postures.station, postures.displacement_mm, postures.approach, strict=True)
+        level = numbered(legs, postures.station, postures.displacement_mm, postures.approach)
+        stand = numbered(legs, postures.station)
+        visit_first, stand_first = (
+            np.unique(number, return_index=True)[1] for number in (level, stand)
         )
-        level, visit_first = _numbered(visits)
-        stand, stand_first = _numbered(list(zip(legs, postures.station, strict=True)))
         levels, stations = postures.displacement_mm[visit_first], postures.station[stand_first]
         level_cells = _cells(np.unique(grid.displacement_mm), levels, DIAL_DECIMALS)
         station_cells = _cells(np.unique(grid.station), stations, STATION_DECIMALS)
@@ -158,35 +154,16 @@ def _keep_on_bars(
             cells[:, side] = middle + least * (cells[:, side] - middle)
 
 
-def _numbered(keys: Sequence[Hashable]) -> tuple[IntArray, list[int]]:
-    """The number of each key in order of appearance, and where each stands first."""
-    order: dict[Hashable, int] = {}
-    for key in keys:
-        order.setdefault(key, len(order))
-    index = np.array([order[key] for key in keys], dtype=np.intp)
-    return index, [int(k) for k in np.unique(index, return_index=True)[1]]
-
-
 def _legs_alike(postures: LegPool) -> bool:
     """Whether every leg that is used visits the same."""
-    visits = [
-        sorted(
-            zip(
-                postures.station[postures.leg == leg],
-                postures.displacement_mm[postures.leg == leg],
-                postures.approach[postures.leg == leg],
-                strict=True,
-            )
-        )
-        for leg in np.unique(postures.leg)
-    ]
-    return all(visit == visits[0] for visit in visits)
+    visit = numbered(postures.station, postures.displacement_mm, postures.approach)
+    visits = [np.sort(visit[postures.leg == leg]) for leg in np.unique(postures.leg)]
+    return all(np.array_equal(rows, visits[0]) for rows in visits)
 
 
 def _different(postures: LegPool) -> int:
     """How many different visits there are."""
-    arrays = (postures.place, postures.displacement_mm, postures.approach)
-    return len(set(zip(*arrays, strict=True)))
+    return int(numbered(postures.place, postures.displacement_mm, postures.approach).max()) + 1
 
 
 def _cells(grid: FloatArray, values: FloatArray, decimals: int) -> FloatArray:

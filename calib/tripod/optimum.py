@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 
-from calib.arrays import LEG_NAMES, FloatArray, IntArray, descending
-from calib.design.criteria import Aim, Criterion, value_of, wanted_information
+from calib.arrays import LEG_NAMES, FloatArray, IntArray, descending, numbered
+from calib.design.criteria import Aim, Criterion, value_or_none, wanted_information
 from calib.design.exchange import Candidates, ChosenCandidates, choose
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.tripod.geometry import Pair
@@ -150,7 +150,13 @@ class _Search:
 
     def check_count(self, pool: LegPool) -> None:
         """Raises ImpossibleRequest for more postures than there are, or too few for any choice."""
-        least = self._least_count(pool)
+        # a step gives two readings, and the first one of a mounting shows its zeros alone
+        candidates, places = self.candidates(pool), np.unique(pool.place)
+        informations = (
+            candidates.information(np.flatnonzero(pool.place == place)) for place in places
+        )
+        alone = any(value_or_none(info, self.aim) is not None for info in informations)
+        least = PARAMETERS // 2 + (1 if alone else 2)  # mountings, where none sees everything
         most_words = "" if self.repeats else f", to {len(pool)}, the number of candidates"
         if self.count < least or (self.count > len(pool) and not self.repeats):
             raise ImpossibleRequest(
@@ -159,18 +165,6 @@ class _Search:
                 f"{least}, the fewest that can determine {PARAMETERS} parameters{most_words}",
                 "" if self.count < least else "Or add --repeats.",
             )
-
-    def _least_count(self, pool: LegPool) -> int:
-        """A step gives two readings, and the first one of a mounting shows its zeros alone.
-
-        One mounting, or two where none sees every parameter.
-        """
-        candidates = self.candidates(pool)
-        for place in np.unique(pool.place):
-            with suppress(NotIdentifiable):
-                value_of(candidates.information(np.flatnonzero(pool.place == place)), self.aim)
-                return PARAMETERS // 2 + 1
-        return PARAMETERS // 2 + 2
 
     def minutes(self, pool: LegPool, subset: Sequence[int]) -> float:
         """Steps, with those where the way turns, and set-up of each mounting."""
@@ -246,14 +240,10 @@ class _Search:
 
 def _visits_of_all(pool: LegPool, legs: IntArray, station: float) -> IntArray:
     """Candidates at a station ``(k, legs)``, of displacements that all legs allow."""
-    visits = list(zip(pool.displacement_mm, pool.approach, strict=True))
+    visit = numbered(pool.displacement_mm, pool.approach)
     of_legs = [np.flatnonzero((pool.leg == leg) & (pool.station == station)) for leg in legs]
-    common = set.intersection(*({visits[k] for k in members_of_leg} for members_of_leg in of_legs))
-    members = [
-        np.array([k for k in members_of_leg if visits[k] in common], np.intp)
-        for members_of_leg in of_legs
-    ]
-    return np.stack(members, axis=1)
+    common = reduce(np.intersect1d, (visit[rows] for rows in of_legs))
+    return np.stack([rows[np.isin(visit[rows], common)] for rows in of_legs], axis=1)
 
 
 def _coordinates(pool: LegPool, subset: Sequence[int]) -> Iterator[Coordinates]:
@@ -328,10 +318,7 @@ def _walked(passes: list[list[Visit]], ends_mm: Pair, *, up_first: bool) -> list
 
 def _figures(information: FloatArray, aim: Aim, minutes: float, count: int) -> Figures:
     def judged(criterion: Criterion) -> float | None:
-        try:
-            return value_of(information, Aim(criterion, None, aim.metric))
-        except NotIdentifiable:
-            return None
+        return value_or_none(information, Aim(criterion, None, aim.metric))
 
     variance = judged(Criterion.TOOL_VARIANCE)
     return Figures(

@@ -1,9 +1,9 @@
 """The one forward simulation: command → actuator → foot → tool → touched point → reading.
 
-Each stage is a small function of arrays. All readings of a session pass at once, ``n`` of them; an
-optional leading batch axis ``(..., )`` holds many machines. An effect changes what one stage hands
-on and nothing else; the base parameters enter in the actuator stage (joint offsets) and in the
-tool stage (leg lengths).
+Each stage is a property of a `Flow`; `simulate` reads the last one. All readings of a session pass
+at once, ``n`` of them; an optional leading batch axis ``(..., )`` holds many machines. An effect
+changes what one stage hands on and nothing else; the base parameters enter in the actuator stage
+(joint offsets) and in the tool stage (leg lengths).
 
 Identification, the simulated rig, replay and derivatives all call `simulate`. Every stage is
 written so that complex numbers pass through it, so `derivatives` needs no formula of its own.
@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -58,23 +59,20 @@ class StageEffect(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """What has passed through the stages so far: n readings and, as last rows, the Zero postures.
+    """One run through the stages, each computed when it is first asked for.
 
-    A Zero row is where an indicator is mounted: it fixes the point that the indicator keeps. It
-    belongs to no mounting (-1), has no temperature and was approached from nowhere. There is one
-    for all, or one for each leg and one for the tool (`Geometry.leg_zero_mm`).
+    Of n readings and, as last rows, the Zero postures. A Zero row is where an indicator is mounted:
+    it fixes the point that the indicator keeps. It belongs to no mounting (-1), has no temperature
+    and was approached from nowhere. There is one for all, or one for each leg and one for the tool
+    (`Geometry.leg_zero_mm`). Without Zero rows it goes as far as the tool. An effect may ask for
+    what came before its stage. Raises UnreachablePosture where the bars do not meet.
     """
 
     geometry: Geometry
+    parameters_mm: ArrayLike
     taken: Conditions
-    effects: Sequence[StageEffect]
-    joint_offset_mm: NDArray[Any]
-    length_error_mm: NDArray[Any]
-    command_mm: NDArray[Any]
-    carriage_mm: NDArray[Any]
-    foot_mm: NDArray[Any]
-    tool_mm: NDArray[Any]
-    fraction: NDArray[Any]
+    command_mm: FloatArray
+    effects: Sequence[StageEffect] = ()
 
     def through(self, stage: Stage, stage_input: NDArray[Any]) -> NDArray[Any]:
         """``stage_input`` after every effect of this stage."""
@@ -82,6 +80,77 @@ class Flow:
             if effect.stage == stage:
                 stage_input = effect.change(stage_input, self)
         return stage_input
+
+    @cached_property
+    def carriage_mm(self) -> NDArray[Any]:
+        """Carriage positions ``(..., n, 3)``: command plus joint offset."""
+        offset = np.asarray(self.parameters_mm)[..., None, :3]
+        return self.through(Stage.ACTUATOR, self.command_mm + offset)
+
+    @cached_property
+    def foot_mm(self) -> NDArray[Any]:
+        """Feet of the bars ``(..., n, 3 legs, 3)``: each carriage on the line of its drive."""
+        geometry = self.geometry
+        feet = geometry.origins + self.carriage_mm[..., :, None] * geometry.directions
+        return self.through(Stage.FOOT, feet)
+
+    @cached_property
+    def tool_mm(self) -> NDArray[Any]:
+        """Tool centre point ``(..., n, 3)``: where the three bars meet."""
+        geometry = self.geometry
+        lengths = geometry.lengths + np.asarray(self.parameters_mm)[..., None, 3:]
+        rows = np.broadcast_to(lengths, (*lengths.shape[:-2], len(self.taken), 3))
+        feet = self.foot_mm - geometry.platform
+        return trilaterate(feet, self.through(Stage.TOOL, rows), geometry.side)
+
+    @cached_property
+    def _joint_mm(self) -> FloatArray:
+        """Ways ``(n, 3)`` from the tool to the end of the touched bar, or to a probe beside it."""
+        leg = self.taken.leg
+        return np.where((leg == TOOL)[:, None], self.taken.beside_mm, self.geometry.platform[leg])
+
+    @cached_property
+    def bar_mm(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Tool end and foot of the touched bar ``(..., n, 3)``; the end may be tool or probe."""
+        foot = self.foot_mm[..., np.arange(len(self.taken)), self.taken.leg, :]
+        return self.tool_mm + self._joint_mm, foot
+
+    @cached_property
+    def mounted_mm(self) -> NDArray[Any]:
+        """The point of the straight bar, or of the tool, touched at Zero ``(..., n, 3)``."""
+        zero, leg = zero_rows(self.geometry, self.taken), self.taken.leg
+        end = self.tool_mm[..., zero, :] + self._joint_mm
+        station = np.where(leg == TOOL, 0.0, self.taken.station)[:, None]
+        return np.asarray(end + station * (self.foot_mm[..., zero, leg, :] - end))
+
+    @cached_property
+    def fraction(self) -> NDArray[Any]:
+        """Where the bar is touched ``(..., n)``: fraction of its length from the tool end.
+
+        The indicator stands still. It was set on the bar in the Zero posture at the station of the
+        mounting and keeps that coordinate along the leg's axis (papers/000, equation (10)). Over a
+        plane it is set anew in each posture, at the station. A reading of the tool itself stays at
+        the tool, 0.
+        """
+        (end, foot), along = self.bar_mm, self.geometry.directions[self.taken.leg]
+        end_along = dot(end, along)
+        fraction = (dot(self.mounted_mm, along) - end_along) / (dot(foot, along) - end_along)
+        fraction = np.where(self.taken.over_plane, self.taken.station, fraction)
+        return np.where(self.taken.leg == TOOL, 0.0, fraction)
+
+    @cached_property
+    def touched_mm(self) -> NDArray[Any]:
+        """The point of the bar, or of the tool, under the indicator ``(..., n, 3)``."""
+        end, foot = self.bar_mm
+        return self.through(Stage.TOUCH, end + self.fraction[..., None] * (foot - end))
+
+    def moved_along(self, touched_mm: NDArray[Any], along: FloatArray) -> NDArray[Any]:
+        """How far a touched point is from that at Zero ``(..., n)``, along ``(n, 3)``.
+
+        Over a plane its coordinate itself.
+        """
+        zero = np.where(self.taken.over_plane, 0.0, dot(self.mounted_mm, along))
+        return np.asarray(dot(touched_mm, along) - zero)
 
 
 def simulate(
@@ -98,46 +167,9 @@ def simulate(
     UnreachablePosture.
     """
     with_zero = _append_zero_rows(geometry, conditions)
-    flow = posture(geometry, parameters_mm, with_zero, command(geometry, with_zero), effects)
-    flow = replace(flow, fraction=touched_fraction(flow))
-    return reading(flow, touched_point(flow))[..., : len(conditions)]
-
-
-def posture(
-    geometry: Geometry,
-    parameters_mm: ArrayLike,
-    conditions: Conditions,
-    command_mm: FloatArray,
-    effects: Sequence[StageEffect] = (),
-) -> Flow:
-    """The machine as far as the tool, for joint coordinates ``(n, 3)``; see `simulate`."""
-    flow = driven(geometry, parameters_mm, conditions, command_mm, effects)
-    flow = replace(flow, foot_mm=foot(flow))
-    return replace(flow, tool_mm=tool(flow))
-
-
-def driven(
-    geometry: Geometry,
-    parameters_mm: ArrayLike,
-    conditions: Conditions,
-    command_mm: FloatArray,
-    effects: Sequence[StageEffect] = (),
-) -> Flow:
-    """The flow as far as the carriages, which need not reach each other."""
-    parameters, empty = np.asarray(parameters_mm), np.empty(0)
-    flow = Flow(
-        geometry=geometry,
-        taken=conditions,
-        effects=effects,
-        joint_offset_mm=parameters[..., None, :3],
-        length_error_mm=parameters[..., None, 3:],
-        command_mm=command_mm,
-        carriage_mm=empty,
-        foot_mm=empty,
-        tool_mm=empty,
-        fraction=empty,
-    )
-    return replace(flow, carriage_mm=actuator(flow))
+    flow = Flow(geometry, parameters_mm, with_zero, command(geometry, with_zero), effects)
+    moved_mm = flow.moved_along(flow.touched_mm, measuring_directions(geometry, with_zero))
+    return flow.through(Stage.READING, moved_mm)[..., : len(conditions)]
 
 
 def command(geometry: Geometry, conditions: Conditions) -> FloatArray:
@@ -154,69 +186,6 @@ def commanded_tool(geometry: Geometry, conditions: Conditions) -> FloatArray:
     """Tool positions ``(n, 3)`` from Zero that the controller is told, mm."""
     along = conditions.displacement_mm[:, None] * geometry.directions[conditions.leg]
     return np.asarray(geometry.leg_zero_mm[conditions.leg] + conditions.position_mm + along)
-
-
-def actuator(flow: Flow) -> NDArray[Any]:
-    """Carriage positions ``(..., n, 3)``: command plus joint offset."""
-    return flow.through(Stage.ACTUATOR, flow.command_mm + flow.joint_offset_mm)
-
-
-def foot(flow: Flow) -> NDArray[Any]:
-    """Feet of the bars ``(..., n, 3 legs, 3)``: each carriage on the line of its drive."""
-    geometry = flow.geometry
-    feet = geometry.origins + flow.carriage_mm[..., :, None] * geometry.directions
-    return flow.through(Stage.FOOT, feet)
-
-
-def tool(flow: Flow) -> NDArray[Any]:
-    """Tool centre point ``(..., n, 3)``: where the three bars meet."""
-    geometry = flow.geometry
-    lengths = geometry.lengths + flow.length_error_mm
-    rows = np.broadcast_to(lengths, (*lengths.shape[:-2], len(flow.taken), 3))
-    feet = flow.foot_mm - geometry.platform
-    return trilaterate(feet, flow.through(Stage.TOOL, rows), geometry.side)
-
-
-def touched_fraction(flow: Flow) -> NDArray[Any]:
-    """Where the bar is touched ``(..., n)``: fraction of its length from the tool end.
-
-    The indicator stands still. It was set on the bar in the Zero posture at the station of the
-    mounting and keeps that coordinate along the leg's axis (papers/000, equation (10)). Over a
-    plane it is set anew in each posture, at the station. A reading of the tool itself stays at
-    the tool, 0.
-    """
-    leg = flow.taken.leg
-    along = flow.geometry.directions[leg]
-    end_along, foot_along = dot(_own_end(flow), along), dot(_own_foot(flow), along)
-    end_zero = dot(_own_end_at_zero(flow), along)
-    foot_zero = dot(_own_foot_at_zero(flow), along)
-    point = end_zero + flow.taken.station * (foot_zero - end_zero)
-    fraction = (point - end_along) / (foot_along - end_along)
-    if flow.taken.over_plane.any():
-        fraction = np.where(flow.taken.over_plane, flow.taken.station, fraction)
-    return np.where(leg == TOOL, 0.0, fraction) if TOOL in leg else np.asarray(fraction)
-
-
-def touched_point(flow: Flow) -> NDArray[Any]:
-    """The point of the bar, or of the tool, under the indicator ``(..., n, 3)``."""
-    end = _own_end(flow)
-    bar = _own_foot(flow) - end
-    return flow.through(Stage.TOUCH, end + flow.fraction[..., None] * bar)
-
-
-def reading(flow: Flow, touched_mm: NDArray[Any]) -> NDArray[Any]:
-    """What the indicator shows ``(..., n)``: its axis of the touched point, minus that at Zero.
-
-    Over a plane nothing is subtracted.
-    """
-    along = measuring_directions(flow.geometry, flow.taken)
-    return flow.through(Stage.READING, moved_along(flow, touched_mm, along))
-
-
-def moved_along(flow: Flow, touched_mm: NDArray[Any], along: FloatArray) -> NDArray[Any]:
-    """How far the touched point is from the straight bar at Zero ``(..., n)``, along ``(n, 3)``."""
-    zero = np.where(flow.taken.over_plane, 0.0, _touched_at_zero(flow, along))
-    return np.asarray(dot(touched_mm, along) - zero)
 
 
 def measuring_directions(geometry: Geometry, conditions: Conditions) -> FloatArray:
@@ -257,52 +226,15 @@ def readings_and_derivatives(
     )
 
 
-def _touched_at_zero(flow: Flow, along: FloatArray) -> NDArray[Any]:
-    """Coordinate along ``(n, 3)`` at Zero of each reading's own station ``(..., n)``."""
-    end_zero = dot(_own_end_at_zero(flow), along)
-    foot_zero = dot(_own_foot_at_zero(flow), along)
-    station = np.where(flow.taken.leg == TOOL, 0.0, flow.taken.station)
-    return np.asarray(end_zero + station * (foot_zero - end_zero))
-
-
-def _own_foot(flow: Flow) -> NDArray[Any]:
-    """Foot of the touched leg ``(..., n, 3)``."""
-    return np.asarray(flow.foot_mm[..., np.arange(len(flow.taken)), flow.taken.leg, :])
-
-
-def _own_end(flow: Flow) -> NDArray[Any]:
-    """Tool end of the touched bar ``(..., n, 3)``, or the tool, or a probe beside it."""
-    return np.asarray(flow.tool_mm + _joint(flow))
-
-
-def _own_end_at_zero(flow: Flow) -> NDArray[Any]:
-    tool = flow.tool_mm[..., -1:, :]
-    if not flow.geometry.common_zero:
-        tool = flow.tool_mm[..., own_zero_rows(flow.taken), :]
-    return np.asarray(tool + _joint(flow))
-
-
-def _own_foot_at_zero(flow: Flow) -> NDArray[Any]:
-    leg = flow.taken.leg
-    if flow.geometry.common_zero:
-        return np.asarray(flow.foot_mm[..., -1, :, :][..., leg, :])
-    return np.asarray(flow.foot_mm[..., own_zero_rows(flow.taken), leg, :])
-
-
-def own_zero_rows(visits: Conditions) -> IntArray:
-    """The row of the Zero posture of each reading's leg ``(n,)``, from the end."""
-    return np.where(visits.leg == TOOL, -1, visits.leg - len(OWN_ZEROS))
-
-
-def _joint(flow: Flow) -> FloatArray:
-    """Ways ``(n, 3)`` from the tool to the end of the touched bar, or to a probe beside it."""
-    leg = flow.taken.leg
-    of_tool = (leg == TOOL)[:, None]
-    return np.where(of_tool, flow.taken.beside_mm, flow.geometry.platform[leg])
-
-
 OWN_ZEROS = (0, 1, 2, TOOL)
 """Legs of the last rows of a flow where each leg has a Zero of its own."""
+
+
+def zero_rows(geometry: Geometry, conditions: Conditions) -> IntArray:
+    """The row, from the end, of the Zero posture of each reading ``(n,)``, or the one of all."""
+    if geometry.common_zero:
+        return np.array([-1])
+    return np.where(conditions.leg == TOOL, -1, conditions.leg - len(OWN_ZEROS))
 
 
 def _append_zero_rows(geometry: Geometry, visits: Conditions) -> Conditions:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calib.arrays import TOOL, Conditions, FloatArray, IntArray
 from calib.tripod.geometry import Geometry, inverse, tool_jacobians, trilaterate
-from calib.tripod.pipeline import command, measuring_directions, own_zero_rows
+from calib.tripod.pipeline import command, measuring_directions, zero_rows
 
 
 class PlainDesign(Protocol):
@@ -50,7 +50,7 @@ class TripodDesign:
     geometry: Geometry
     taken: Conditions
     command_mm: FloatArray
-    zero: IntArray | slice
+    zero: IntArray
     along: FloatArray
     measured: FloatArray
     joint_mm: FloatArray
@@ -59,15 +59,11 @@ class TripodDesign:
     def of(cls, geometry: Geometry, conditions: Conditions) -> TripodDesign:
         """The design of these readings. Raises UnreachablePosture."""
         of_tool = (conditions.leg == TOOL)[:, None]
-        zeros: FloatArray = geometry.zero_mm[None]
-        zero: slice | IntArray = slice(-1, None)
-        if not geometry.common_zero:
-            zeros, zero = inverse(geometry, geometry.leg_zero_mm), own_zero_rows(conditions)
         return cls(
             geometry,
             conditions,
-            np.vstack([command(geometry, conditions), zeros]),
-            zero,
+            np.vstack([command(geometry, conditions), inverse(geometry, geometry.leg_zero_mm)]),
+            zero_rows(geometry, conditions),
             geometry.directions[conditions.leg],
             measuring_directions(geometry, conditions),
             np.where(of_tool, 0.0, geometry.platform[conditions.leg]),
@@ -192,7 +188,16 @@ class PapersDesign:
         """See `PlainDesign`."""
         carriage, tool, inverse = self._tool(parameters_mm)
         value, lever, reach, tool_across = self._readings(carriage, tool)
-        by_tool = self._tool_derivatives(parameters_mm, carriage, tool, inverse)
+        # derivatives of the tool (6, 3, n_postures, b); papers/000 (5) to (9). Row l of the matrix
+        # of (5) is p - q_l e_l: a diagonal and one column, so its inverse is written down
+        # (Sherman and Morrison)
+        turn = tool * inverse
+        turn /= 1.0 - turn.sum(axis=0)
+        gain = -inverse[None] * turn[:, None]
+        index = np.arange(3)
+        gain[index, index] -= inverse
+        lengths = (self.geometry.lengths[:, None] + parameters_mm[3:])[:, None, None, :]
+        by_tool = np.concatenate([(tool - carriage)[:, None] * gain, lengths * gain])
         flat = by_tool.reshape(6, -1, by_tool.shape[-1])
         share = lever / reach
         slope = tool_across / reach
@@ -236,23 +241,3 @@ class PapersDesign:
         reach = foot - flat_tool[self.along]
         value = tool_across * lever / reach - self.weight * flat_tool[self.zero_across]
         return value, lever, reach, tool_across
-
-    def _tool_derivatives(
-        self,
-        parameters_mm: FloatArray,
-        carriage: FloatArray,
-        tool: FloatArray,
-        inverse: FloatArray,
-    ) -> FloatArray:
-        """Derivatives of the tool ``(6, 3, n_postures, b)``; papers/000 (5) to (9).
-
-        Row l of the matrix of (5) is ``p - q_l e_l``: a diagonal and one column, so its inverse is
-        written down (Sherman and Morrison).
-        """
-        turn = tool * inverse
-        turn /= 1.0 - turn.sum(axis=0)
-        gain = -inverse[None] * turn[:, None]
-        index = np.arange(3)
-        gain[index, index] -= inverse
-        lengths = (self.geometry.lengths[:, None] + parameters_mm[3:])[:, None, None, :]
-        return np.concatenate([(tool - carriage)[:, None] * gain, lengths * gain])

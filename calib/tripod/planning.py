@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.arrays import (
     LEG_NAMES,
@@ -105,29 +104,20 @@ class TripodPlanning:
         alone = (pool.rows - pool.rows[zero]) / math.sqrt(2.0)
         rows = np.where(mounted[:, None, None], pool.rows, alone) / self.noise.standard_deviation_mm
         covariances = covariances_after(covariance, rows, np.ones(2), list(FREE))
-        now = [float(vector @ covariance[:PARAMETERS, :PARAMETERS] @ vector) for vector in vectors]
-        return tuple(
-            self._cure(pool, mounted, covariances, vector, least)
-            for vector, least in zip(vectors, now, strict=True)
-        )
 
-    def _cure(
-        self,
-        pool: LegPool,
-        mounted: NDArray[np.bool_],
-        covariances: FloatArray,
-        vector: FloatArray,
-        now: float,
-    ) -> AddedMeasurement | None:
-        variance = np.einsum("i,bij,j->b", vector, covariances, vector)
-        best = largest(-variance)
-        if variance[best] > (1.0 - LEAST_GAIN) * now:
-            return None
-        where = f"leg {LEG_NAMES[pool.leg[best]]} at {pool.displacement_mm[best]:+g} mm"
-        station = f"station {pool.station[best]:g}"
-        if not mounted[best]:
-            where, station = f"{where} and at Zero", f"{station}, a new mounting"
-        return AddedMeasurement(f"{where} ({station})", float(np.sqrt(variance[best])))
+        def best_for(vector: FloatArray) -> AddedMeasurement | None:
+            now = float(vector @ covariance[:PARAMETERS, :PARAMETERS] @ vector)
+            variance = np.einsum("i,bij,j->b", vector, covariances, vector)
+            best = largest(-variance)
+            if variance[best] > (1.0 - LEAST_GAIN) * now:
+                return None
+            where = f"leg {LEG_NAMES[pool.leg[best]]} at {pool.displacement_mm[best]:+g} mm"
+            station = f"station {pool.station[best]:g}"
+            if not mounted[best]:
+                where, station = f"{where} and at Zero", f"{station}, a new mounting"
+            return AddedMeasurement(f"{where} ({station})", float(np.sqrt(variance[best])))
+
+        return tuple(map(best_for, vectors))
 
 
 LEAST_GAIN = 1e-6

@@ -66,33 +66,26 @@ class SimulatedMachine:
         run = zlib.crc32(self.run_name.encode())
         generator = np.random.default_rng([self.seed, run, step, self._visits])
         zeros = [
-            self._zero_mm(mount) + np.nan_to_num(self._tilt(mount) * along)
+            self._of_mount(3, mount, ZERO_SPREAD_MM)
+            + np.nan_to_num(self._of_mount(4, mount, TILT_SPREAD) * along)
             for mount, along in zip(mounts, to.along_mm.tolist(), strict=True)
         ]
         scatter = generator.normal(scale=self.scatter_mm, size=len(zeros))
-        values: list[float] = (exact + zeros + scatter).tolist()
-        return values
+        return [*(exact + zeros + scatter).tolist()]
 
-    def _zero_mm(self, mount: str) -> float:
-        generator = np.random.default_rng([self.seed, 3, zlib.crc32(mount.encode())])
-        return float(generator.normal(scale=ZERO_SPREAD_MM))
-
-    def _tilt(self, mount: str) -> float:
-        """Tilt of the plane under a leg, mm per mm."""
-        generator = np.random.default_rng([self.seed, 4, zlib.crc32(mount.encode())])
-        return float(generator.normal(scale=TILT_SPREAD))
+    def _of_mount(self, purpose: int, mount: str, spread: float) -> float:
+        """A mounting's zero, mm, or the tilt of the plane under it, by the stream's purpose."""
+        generator = np.random.default_rng([self.seed, purpose, zlib.crc32(mount.encode())])
+        return float(generator.normal(scale=spread))
 
     def _movement_to(self, to: Conditions) -> FloatArray:
         """Sign of each carriage's last movement ``(n, 3)`` of a tool that is read; else 0."""
         position_before = self._before
         if TOOL in to.leg and (self.lift_mm or position_before is not None):
-            above = to.position_mm[:1] + self.lift_mm * np.eye(3)[to.axis[:1]]
-            movement = (
-                above
-                if self.lift_mm or position_before is None
-                else position_before.position_mm[:1]
-            )
-            shift = carriage_movement(self.truth.geometry, movement, to.position_mm[:1])[0]
+            start = to.position_mm[:1] + self.lift_mm * np.eye(3)[to.axis[:1]]
+            if position_before is not None and not self.lift_mm:
+                start = position_before.position_mm[:1]
+            shift = carriage_movement(self.truth.geometry, start, to.position_mm[:1])[0]
             self._movement = np.where(shift != 0.0, shift, self._movement)
         return np.tile(self._movement, (len(to), 1))
 

@@ -119,8 +119,7 @@ class Towers:
     def apart_deg(self, angles_deg: Sequence[float]) -> list[list[float]]:
         """How far each of these places is from the tower of each drive, degrees."""
         turn = self.angle_deg - np.array(angles_deg)[:, None]
-        apart: list[list[float]] = np.abs((turn + 180.0) % 360.0 - 180.0).tolist()
-        return apart
+        return [*np.abs((turn + 180.0) % 360.0 - 180.0).tolist()]
 
     def carriages_mm(self, tool_mm: FloatArray) -> FloatArray:
         """Heights of the carriages ``(n, 3)`` that the firmware commands for tools ``(n, 3)``.
@@ -179,8 +178,7 @@ class EnteredTowers:
 
         Steps per mm are the inverse of it.
         """
-        turns: list[float] = ((1.0 + self.stretch) * np.array(now_mm)).tolist()
-        return turns
+        return [*((1.0 + self.stretch) * np.array(now_mm)).tolist()]
 
     def endstops_mm(self, now_mm: Sequence[float]) -> list[float]:
         """Heights of the tool over the middle at which the switches of drives x, y, z trip.
@@ -189,9 +187,7 @@ class EnteredTowers:
         way up to the switch its steps are longer.
         """
         up = (1.0 + self.stretch) * np.array(now_mm)
-        endstops = up + self.now.span_mm + self.change_mm - self.towers.span_mm
-        stops: list[float] = endstops.tolist()
-        return stops
+        return [*(up + self.now.span_mm + self.change_mm - self.towers.span_mm).tolist()]
 
 
 def tower_model(model: Model, change_mm: FloatArray, kept_effects: Sequence[StageEffect]) -> Model:

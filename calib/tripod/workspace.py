@@ -12,7 +12,7 @@ import numpy as np
 from calib.arrays import LEG_NAMES, Conditions, FloatArray, tool_conditions
 from calib.errors import CalibrationError
 from calib.tripod.geometry import Geometry, Triple, inverse, tool_jacobians, trilaterate
-from calib.tripod.pipeline import Flow, Model, posture
+from calib.tripod.pipeline import Flow, Model
 
 CELLS_PER_AXIS = 6
 REACH_POINTS = 9
@@ -83,12 +83,12 @@ def tool_jacobian_at(geometry: Geometry, tool_mm: FloatArray) -> FloatArray:
 
 
 def machine_at(model: Model, joint_mm: FloatArray, way: float) -> Flow:
-    """The machine as far as the tool for joint coordinates ``(n, 3)``, all reached one ``way``.
+    """The machine, as far as its tool, at joint coordinates ``(n, 3)``, all reached one ``way``.
 
-    1 is upwards, -1 downwards. Raises UnreachablePosture.
+    1 is upwards, -1 downwards.
     """
     conditions = reached(len(joint_mm), way)
-    return posture(model.geometry, model.parameters_mm, conditions, joint_mm, model.effects)
+    return Flow(model.geometry, model.parameters_mm, conditions, joint_mm, model.effects)
 
 
 def reached(count: int, way: float) -> Conditions:

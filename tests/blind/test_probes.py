@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from calib.arrays import Conditions, tool_conditions
-from calib.tripod.effects.contacts import SHAPES, PlatformTilt
 from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.effects.gauges import SHAPES, PlatformTilt
 from calib.tripod.pipeline import Model
 from tests.blind.printers import (
     BELIEVED,

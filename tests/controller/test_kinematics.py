@@ -15,7 +15,7 @@ from calib.tripod.effects.bars import GravitySag, LegLength
 from calib.tripod.effects.drives import AxisOffset, AxisSquareness, Straightness
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
-from calib.tripod.pipeline import Model, posture
+from calib.tripod.pipeline import Flow, Model
 from protocols.machine import load_machine
 from tests.conftest import LONG
 from tests.controller.running import SimulatedJoint, Stop, need_linuxcnc, run
@@ -57,7 +57,7 @@ def test_joints_of_the_module_bring_the_model_to_the_target(
     points = np.round(targets(model.geometry), 3)[half::2]
     stops = moved(model, points, tmp_path)
     joints = np.array([stop.joint for stop in stops])
-    tools = posture(
+    tools = Flow(
         model.geometry,
         model.parameters_mm,
         tool_conditions(np.zeros((len(points), 3))),

@@ -16,10 +16,10 @@ from calib.errors import RecordError, UsageError
 from calib.posterior.library import laws
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import candidates
-from calib.tripod.effects.contacts import ROUND, SHAPES, PlatformTilt, TiltOfTouchedPlate
 from calib.tripod.effects.drives import ActuatorCyclic, AxisOffset
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import Empirical
+from calib.tripod.effects.gauges import ROUND, SHAPES, PlatformTilt, TiltOfTouchedPlate
 from calib.tripod.pipeline import Flow, Model, Stage
 from protocols.effect_entries import EffectEntry, Provenance, with_effect, without_effect
 from protocols.machine import Machine

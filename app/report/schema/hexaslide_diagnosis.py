@@ -11,8 +11,7 @@ from app.report.schema.document import Report, Source, maybe, schema
 from app.report.schema.hexaslide import INNER_NAMES, PlatformReport
 from calib.hexaslide.causes import AdoptedEffect
 from calib.hexaslide.comparison import MachinesApart
-from calib.hexaslide.diagnosis import CauseSize, HexaSlideClaim
-from calib.hexaslide.held_out import LeftOutGap
+from calib.hexaslide.diagnosis import CauseSize, HexaSlideClaim, LeftOutGap
 
 
 @dataclass(frozen=True)

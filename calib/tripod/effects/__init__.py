@@ -5,70 +5,40 @@ May import what `calib.tripod` may, its geometry and pipeline first of all.
 
 from __future__ import annotations
 
-from calib.tripod.effects.bars import (
-    BarGrowth,
-    GravitySag,
-    JointClearance,
-    LegBow,
-    LegLength,
-    LegTaper,
-)
-from calib.tripod.effects.contacts import ROUND, SHAPES, PlatformTilt, TiltOfTouchedPlate
-from calib.tripod.effects.drives import (
-    STANDARD_LEADS_MM,
-    ActuatorCyclic,
-    ActuatorScale,
-    AxisDistance,
-    AxisOffset,
-    AxisSquareness,
-    Backlash,
-    ScrewGrowth,
-    Straightness,
-    StraightnessOfThirdOrder,
-)
+from calib.tripod.effects import bars, drives, gauges
 from calib.tripod.effects.effect import Effect
-from calib.tripod.effects.gauges import (
-    DriftOfStand,
-    DriftWithTemperature,
-    DriftWithTime,
-    GaugeGain,
-    GaugeHysteresis,
-    GaugeTilt,
-    PlateTilt,
-    TipOnRoundBar,
-)
 
 CATALOGUE: tuple[Effect, ...] = (
-    AxisSquareness(),
-    AxisOffset(),
-    AxisDistance(),
-    Straightness(),
-    ActuatorScale(),
-    *(ActuatorCyclic(lead_mm) for lead_mm in STANDARD_LEADS_MM),
-    Backlash(),
-    LegLength(),
-    GravitySag(),
-    LegTaper(),
-    LegBow(),
-    GaugeGain(),
-    GaugeTilt(),
-    PlateTilt(),
-    TiltOfTouchedPlate(),
-    DriftWithTime(),
-    DriftWithTemperature(),
+    drives.AxisSquareness(),
+    drives.AxisOffset(),
+    drives.AxisDistance(),
+    drives.Straightness(),
+    drives.ActuatorScale(),
+    *(drives.ActuatorCyclic(lead_mm) for lead_mm in drives.STANDARD_LEADS_MM),
+    drives.Backlash(),
+    bars.LegLength(),
+    bars.GravitySag(),
+    bars.LegTaper(),
+    bars.LegBow(),
+    gauges.GaugeGain(),
+    gauges.GaugeTilt(),
+    gauges.PlateTilt(),
+    gauges.TiltOfTouchedPlate(),
+    gauges.DriftWithTime(),
+    gauges.DriftWithTemperature(),
 )
 """Those that the diagnosis looks for."""
 
 BESIDE_CATALOGUE: tuple[Effect, ...] = (
-    StraightnessOfThirdOrder(),
-    ScrewGrowth(),
-    BarGrowth(),
-    JointClearance(),
-    TipOnRoundBar(),
-    GaugeHysteresis(),
-    DriftOfStand(),
-    *SHAPES,
-    ROUND,
-    PlatformTilt(),
+    drives.StraightnessOfThirdOrder(),
+    drives.ScrewGrowth(),
+    bars.BarGrowth(),
+    bars.JointClearance(),
+    gauges.TipOnRoundBar(),
+    gauges.GaugeHysteresis(),
+    gauges.DriftOfStand(),
+    *gauges.SHAPES,
+    gauges.ROUND,
+    gauges.PlatformTilt(),
 )
 """Those that machines have less often: the diagnosis gives them less weight beforehand."""

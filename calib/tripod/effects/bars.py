@@ -34,10 +34,6 @@ class LegLength(OfBar):
     parameters = (EffectParameter("length", "mm", 0.1),)
     controller = "bar {place}: the kinematics of export --format linuxcnc-kins"
 
-    def off(self, at: Acting) -> NDArray[Any]:
-        """The value, whatever the load."""
-        return np.asarray(at.values[0])
-
 
 @dataclass(frozen=True)
 class GravitySag(OfBar):
@@ -51,7 +47,8 @@ class GravitySag(OfBar):
     def off(self, at: Acting) -> NDArray[Any]:
         """Value · load · pull / weight, at the unloaded machine."""
         # what the sag itself turns the bars by changes it by its square only
-        return at.values[0] * at.flow.geometry.load * _pull(at)
+        pull = pull_of_weight(at.flow.geometry, at.flow.foot_mm, at.stage_input)[..., at.leg]
+        return at.values[0] * at.flow.geometry.load * pull
 
 
 def pull_of_weight(
@@ -69,12 +66,6 @@ def pull_of_weight(
     weight = np.broadcast_to(np.asarray(geometry.gravity)[:, None], (*bars.shape[:-1], 1))
     pull = np.linalg.solve(np.swapaxes(bars, -1, -2), weight)
     return np.asarray(pull[..., 0])
-
-
-def _pull(at: Acting) -> NDArray[Any]:
-    """Pull of the bar at the place ``(..., n)``."""
-    flow = at.flow
-    return np.asarray(pull_of_weight(flow.geometry, flow.foot_mm, at.stage_input)[..., at.leg])
 
 
 @dataclass(frozen=True)
@@ -106,7 +97,7 @@ class JointClearance(OfBar):
 
     def off(self, at: Acting) -> NDArray[Any]:
         """Half the value longer where it is pulled, shorter where it is pressed."""
-        pull = _pull(at)
+        pull = pull_of_weight(at.flow.geometry, at.flow.foot_mm, at.stage_input)[..., at.leg]
         sign = pull / np.sqrt(pull**2 + FLOATS**2)
         return at.values[0] / 2 * sign
 

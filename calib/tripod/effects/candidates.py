@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress, islice
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from calib.tripod.effects.effect import (
     Placed,
 )
 from calib.tripod.geometry import Geometry, inverse
-from calib.tripod.pipeline import COMPLEX_STEP_MM, Flow, Model, Stage, posture, simulate
+from calib.tripod.pipeline import COMPLEX_STEP_MM, Flow, Model, Stage, simulate
 from calib.tripod.workspace import reached
 
 VANISHES_MM = 1e-9
@@ -94,10 +95,7 @@ def single_places(
     placed_effects = effects_of(effects, model.geometry)
     placed = placed_columns(model, observations, placed_effects)
     alone = [_one(effect, {place: columns}, place) for (effect, place), columns in placed.items()]
-    identifiable = _are_seen(observations.mount, alone)
-    return tuple(
-        candidate for candidate, is_seen in zip(alone, identifiable, strict=True) if is_seen
-    )
+    return tuple(compress(alone, _are_seen(observations.mount, alone)))
 
 
 def invisible(
@@ -181,7 +179,7 @@ def tool_columns(
         index = [k for k, instance in enumerate(stepped) if instance.stage == stage]
         if index:
             together = _Together(tuple(stepped[k] for k in index), stage)
-            flow = posture(geometry, (0.0,) * 6, conditions, joint_mm, (together,))
+            flow = Flow(geometry, (0.0,) * 6, conditions, joint_mm, (together,))
             moved[:, :, index] = np.moveaxis(flow.tool_mm.imag / COMPLEX_STEP_MM, 0, -1)
     return np.asarray(moved[:-1] - moved[-1] if geometry.set_at_zero else moved[:-1])
 
@@ -196,39 +194,28 @@ def _all_candidates(
     placed_effects = effects_of(effects, geometry)
     mount = joined([observations for _, observations in sessions]).mount
     placed = placed or [placed_columns(*session, placed_effects) for session in sessions]
-    places = _stacked(placed, placed_effects, [len(conditions) for _, conditions in sessions])
-    alone = [
-        [_one(effect, by_place, place) for place in by_place] for effect, by_place in places.items()
-    ]
-    visibility = iter(
-        _are_seen(mount, [candidate for alone_of_effect in alone for candidate in alone_of_effect])
-    )
-    candidates: list[Candidate] = []
-    for effect, alone_of_effect in zip(places, alone, strict=True):
-        pairs = [(candidate, next(visibility)) for candidate in alone_of_effect]
-        candidates += [candidate for candidate, is_seen in pairs if not is_seen]
-        by_place = {candidate.where: candidate.columns for candidate, is_seen in pairs if is_seen}
-        candidates += _arrangements(effect, by_place, geometry, mount)
-    return zip(candidates, _are_seen(mount, candidates), strict=True)
-
-
-def _stacked(
-    placed: Sequence[Mapping[Placed, FloatArray]],
-    effects: Sequence[Effect],
-    counts: Sequence[int],
-) -> dict[Effect, dict[str, FloatArray]]:
-    """For each law by its places the columns of sessions of so many readings below each other.
-
-    Zero where one has no such place.
-    """
-    stacked: dict[Effect, dict[str, FloatArray]] = {effect: {} for effect in effects}
+    # columns of all sessions below each other, zero where one has no such place
+    places: dict[Effect, dict[str, FloatArray]] = {effect: {} for effect in placed_effects}
     for law in dict.fromkeys(law for of_session in placed for law in of_session):
         effect, place = law
-        zeros = [np.zeros((count, len(effect.parameters))) for count in counts]
-        stacked[effect][place] = np.vstack(
-            [of_session.get(law, zero) for of_session, zero in zip(placed, zeros, strict=True)]
+        width = len(effect.parameters)
+        places[effect][place] = np.vstack(
+            [
+                of_session.get(law, np.zeros((len(observations), width)))
+                for of_session, (_, observations) in zip(placed, sessions, strict=True)
+            ]
         )
-    return stacked
+    alone = [
+        _one(effect, columns, place) for effect, columns in places.items() for place in columns
+    ]
+    visibility = iter(zip(alone, _are_seen(mount, alone), strict=True))
+    candidates: list[Candidate] = []
+    for effect, columns in places.items():
+        pairs = list(islice(visibility, len(columns)))
+        candidates += [candidate for candidate, is_seen in pairs if not is_seen]
+        seen_columns = {c.where: c.columns for c, is_seen in pairs if is_seen}
+        candidates += _arrangements(effect, seen_columns, geometry, mount)
+    return zip(candidates, _are_seen(mount, candidates), strict=True)
 
 
 def _are_seen(mount: IntArray, candidates: Sequence[Candidate]) -> list[bool]:
@@ -247,37 +234,39 @@ def _are_seen(mount: IntArray, candidates: Sequence[Candidate]) -> list[bool]:
 
 
 def _arrangements(
-    effect: Effect, by_place_seen: dict[str, FloatArray], geometry: Geometry, mount: IntArray
+    effect: Effect, columns: dict[str, FloatArray], geometry: Geometry, mount: IntArray
 ) -> Iterator[Candidate]:
-    lateral = _is_lateral(by_place_seen, geometry)
+    """The law in every arrangement of the places that are seen, by their ``columns``."""
+
+    def each(places: Sequence[str], where: str) -> Candidate:
+        return _grouped(effect, columns, "each", {f"_{place}": (place,) for place in places}, where)
+
+    # directions across drives, not pairs of drives of like names
+    lateral = columns.keys() <= geometry.across.keys() and any(
+        place[::-1] in columns or place[1] not in LEG_NAMES for place in columns
+    )
+    around = set(columns) == set(AROUND)
+    of_leg = {
+        leg: [place for place in columns if leg in (place if around else place[0])]
+        for leg in LEG_NAMES
+    }
     if not lateral or effect.stage in (Stage.TOUCH, Stage.READING):
-        yield from (_one(effect, by_place_seen, place) for place in by_place_seen)
-    if lateral or set(by_place_seen) == set(AROUND):
-        yield from _by_leg(effect, by_place_seen)
-    if len(by_place_seen) > 1:
+        yield from (_one(effect, columns, place) for place in columns)
+    if lateral or around:
+        yield from (each(places, leg) for leg, places in of_leg.items() if len(places) == 2)
+    if len(columns) > 1:
         if geometry.common_zero or not lateral:
-            yield _grouped(effect, by_place_seen, "same", {"": tuple(by_place_seen)})
-        if set(by_place_seen) == set(geometry.across):
-            yield from _symmetric(effect, by_place_seen, geometry, mount)
-        legs = {place[0] for place in by_place_seen}
+            yield _grouped(effect, columns, "same", {"": tuple(columns)})
+        if columns.keys() == geometry.across.keys():
+            yield from _symmetric(effect, columns, geometry, mount)
+        legs = [leg for leg, places in of_leg.items() if places]
         if not lateral or len(legs) > 1:
-            yield _each(
-                effect,
-                by_place_seen,
-                by_place_seen,
-                ",".join(_listed(by_place_seen, lateral=lateral)),
-            )
-
-
-def _is_lateral(places_seen: Iterable[str], geometry: Geometry) -> bool:
-    """Whether these places are directions across drives, not pairs of drives of like names."""
-    if not set(places_seen) <= set(geometry.across):
-        return False
-    return any(place[::-1] in places_seen or place[1] not in LEG_NAMES for place in places_seen)
+            complete = lateral and all(len(of_leg[leg]) == 2 for leg in legs)
+            yield each(list(columns), ",".join(legs if complete else columns))
 
 
 def _symmetric(
-    effect: Effect, columns_by_place: dict[str, FloatArray], geometry: Geometry, mount: IntArray
+    effect: Effect, columns: dict[str, FloatArray], geometry: Geometry, mount: IntArray
 ) -> Iterator[Candidate]:
     """Two values that all drives share, as the machine is symmetric.
 
@@ -285,61 +274,27 @@ def _symmetric(
     round with the axes, towards the next one and the one before. Else radial and tangential, where
     it is seen: contacts with a plate do not show that all towers are turned alike.
     """
-    first, second = list(columns_by_place)[0::2], list(columns_by_place)[1::2]
-    if not geometry.common_zero:
-        groups = {"_r": tuple(first), "_t": tuple(second)}
-        alone = [
-            _grouped(effect, columns_by_place, "turning", {ending: group})
-            for ending, group in groups.items()
-        ]
-        identifiable = zip(groups.items(), _are_seen(mount, alone), strict=True)
-        groups_seen = {ending: group for (ending, group), is_seen in identifiable if is_seen}
-        if groups_seen:
-            yield _grouped(effect, columns_by_place, "turning", groups_seen)
+    first, second = tuple(columns)[0::2], tuple(columns)[1::2]
+    if geometry.common_zero:
+        yield _grouped(effect, columns, "mirror", {"_first": first, "_second": second})
+        following = (first[0], second[1], first[2])
+        exchanged = (second[0], first[1], second[2])
+        yield _grouped(effect, columns, "turning", {"_next": following, "_before": exchanged})
         return
-    yield _grouped(
-        effect, columns_by_place, "mirror", {"_first": tuple(first), "_second": tuple(second)}
-    )
-    following = (first[0], second[1], first[2])
-    exchanged = (second[0], first[1], second[2])
-    yield _grouped(effect, columns_by_place, "turning", {"_next": following, "_before": exchanged})
+    groups = {"_r": first, "_t": second}
+    alone = [_grouped(effect, columns, "turning", {end: group}) for end, group in groups.items()]
+    visible = zip(groups.items(), _are_seen(mount, alone), strict=True)
+    if groups_seen := {end: group for (end, group), is_seen in visible if is_seen}:
+        yield _grouped(effect, columns, "turning", groups_seen)
 
 
-def _listed(places_seen: Iterable[str], *, lateral: bool) -> list[str]:
-    """Places for a reader: legs where both directions across every one of them are there."""
-    by_leg = {leg: [place for place in places_seen if place[0] == leg] for leg in LEG_NAMES}
-    legs = [leg for leg, places in by_leg.items() if places]
-    complete = lateral and all(len(by_leg[leg]) == 2 for leg in legs)
-    return legs if complete else list(places_seen)
-
-
-def _by_leg(effect: Effect, columns_by_place: dict[str, FloatArray]) -> Iterator[Candidate]:
-    """Both directions across one leg, or both pairs of an axis, each with its own value."""
-    for leg in LEG_NAMES:
-        places_of_leg = [
-            place
-            for place in columns_by_place
-            if leg in (place if set(columns_by_place) == set(AROUND) else place[0])
-        ]
-        if len(places_of_leg) == 2:
-            yield _each(effect, columns_by_place, places_of_leg, leg)
-
-
-def _one(effect: Effect, columns_by_place: dict[str, FloatArray], place: str) -> Candidate:
-    return _grouped(effect, columns_by_place, "one", {"": (place,)}, place)
-
-
-def _each(
-    effect: Effect, columns_by_place: dict[str, FloatArray], places: Iterable[str], where: str
-) -> Candidate:
-    return _grouped(
-        effect, columns_by_place, "each", {f"_{place}": (place,) for place in places}, where
-    )
+def _one(effect: Effect, columns: dict[str, FloatArray], place: str) -> Candidate:
+    return _grouped(effect, columns, "one", {"": (place,)}, place)
 
 
 def _grouped(
     effect: Effect,
-    columns_by_place: dict[str, FloatArray],
+    columns: dict[str, FloatArray],
     arrangement: str,
     groups: dict[str, tuple[str, ...]],
     where: str = "all",
@@ -358,10 +313,7 @@ def _grouped(
             for parameter in effect.parameters
         ),
         columns=np.hstack(
-            [
-                np.sum([columns_by_place[member] for member in places], axis=0)
-                for places in groups.values()
-            ]
+            [np.sum([columns[member] for member in places], axis=0) for places in groups.values()]
         ),
         shares=tuple(
             Share(effect, place, tuple(range(number * count, (number + 1) * count)))

@@ -22,17 +22,22 @@ TRIED_MM = (1.0, -0.7, 0.5, 0.1, -0.1, 0.05)
 LEAST_TOLERANCE, MOST_TOLERANCE = 1e-9, 1e9
 
 
+@np.errstate(all="ignore")  # what is not finite is told below
 def fault_of(candidate: object) -> str:
     """Why it is no law that can be used, tried at every place; empty if nothing.
 
     Raises whatever the code of the law raises.
     """
-    fault = _fault_of_form(candidate)
-    if fault:
+    if fault := _fault_of_form(candidate):
         return fault
     effect = cast(Effect, candidate)
-    fault = _fault_of_change(effect)
-    return f"{effect.id}: {fault}" if fault else ""
+    legs, axes = [0, 0, 1, 1, 2, 2] * 3, [1, 2, 0, 2, 0, 1] * 3
+    conditions_tried = conditions(legs, axes, [0.0] * 6 + [60.0] * 6 + [-100.0] * 6)
+    places = effect.places(conditions_tried)
+    if not places or not all(isinstance(place, str) for place in places):
+        return f"{effect.id}: places that are not texts, or no place"
+    faults = (_fault_at(effect, place, conditions_tried) for place in places)
+    return next((f"{effect.id}: {fault}" for fault in faults if fault), "")
 
 
 def _fault_of_form(candidate: object) -> str:
@@ -50,18 +55,6 @@ def _fault_of_form(candidate: object) -> str:
     if not all(LEAST_TOLERANCE <= p.tolerance <= MOST_TOLERANCE for p in parameters):
         return f"{effect.id}: a tolerance outside {LEAST_TOLERANCE:g} … {MOST_TOLERANCE:g}"
     return ""
-
-
-@np.errstate(all="ignore")  # what is not finite is told below
-def _fault_of_change(effect: Effect) -> str:
-    """What is wrong with the readings that it makes; empty if nothing."""
-    legs, axes = [0, 0, 1, 1, 2, 2] * 3, [1, 2, 0, 2, 0, 1] * 3
-    conditions_tried = conditions(legs, axes, [0.0] * 6 + [60.0] * 6 + [-100.0] * 6)
-    places = effect.places(conditions_tried)
-    if not places or not all(isinstance(place, str) for place in places):
-        return "places that are not texts, or no place"
-    faults = (_fault_at(effect, place, conditions_tried) for place in places)
-    return next((fault for fault in faults if fault), "")
 
 
 def _fault_at(effect: Effect, place: str, conditions: Conditions) -> str:

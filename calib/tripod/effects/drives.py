@@ -26,6 +26,7 @@ from calib.tripod.effects.effect import (
     OfFoot,
     Placed,
     from_meeting_mm,
+    law_named,
     machine_kelvins,
     moved_foot,
     numbers,
@@ -136,19 +137,15 @@ class AxisSquareness(Law):
     )
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """Half of the angle for each, radians."""
-        return np.asarray(PER_THOUSAND * at.values[0] / 2)
-
-    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
-        """Each foot of the pair towards the other axis, the more the farther from both."""
-        first, second = numbers(at.place)
+        """Each foot ``(..., n, 3, 3)`` of the pair towards the other axis, the more the farther
+        from both: by half of the angle.
+        """
+        half, pair = PER_THOUSAND * at.values[0] / 2, numbers(at.place)
         first_foot, second_foot = (
             moved_foot(
-                leg,
-                at.flow.geometry.towards(leg, partner),
-                off_mm * from_meeting_mm(at.flow, leg),
+                leg, at.flow.geometry.towards(leg, partner), half * from_meeting_mm(at.flow, leg)
             )
-            for leg, partner in ((first, second), (second, first))
+            for leg, partner in (pair, pair[::-1])
         )
         return np.asarray(first_foot + second_foot)
 
@@ -167,10 +164,6 @@ class AxisOffset(OfFoot):
         "axis {axis}: the kinematics of export --format linuxcnc-kins, or shim it by "
         "{shift} against {along}"
     )
-
-    def off(self, at: Acting) -> NDArray[Any]:
-        """The value, whatever the travel."""
-        return np.asarray(at.values[0])
 
 
 @dataclass(frozen=True)
@@ -193,15 +186,11 @@ class AxisDistance(Law):
     )
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """Half of the distance for each."""
-        return np.asarray(at.values[0] / 2)
-
-    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
-        """Both feet of the pair apart along the third axis."""
-        first, second = numbers(at.place)
+        """Both feet ``(..., n, 3, 3)`` of the pair apart along the third axis, half of it each."""
+        half, (first, second) = np.asarray(at.values[0] / 2), numbers(at.place)
         third = np.cross(*at.flow.geometry.directions[[first, second]])
         third = third / np.linalg.norm(third)
-        return np.asarray(moved_foot(first, third, off_mm) - moved_foot(second, third, off_mm))
+        return np.asarray(moved_foot(first, third, half) - moved_foot(second, third, half))
 
 
 @dataclass(frozen=True)
@@ -285,12 +274,7 @@ def geometry_tolerances(
 
 def cyclic_of(names: Iterable[str]) -> ActuatorCyclic | None:
     """The law of any lead whose parameters have these names; None where there is none."""
-    ids = set(names)
-    leads = {match[1] for match in map(LEAD.fullmatch, ids) if match}
-    if len(leads) != 1 or not float(next(iter(leads))) > 0.0:  # a lead of 0 has the form, too
-        return None
-    law = ActuatorCyclic(float(leads.pop()))
-    return law if ids == {parameter.name for parameter in law.parameters} else None
+    return law_named(ActuatorCyclic, LEAD, names)
 
 
 def effects_of(effects: Iterable[Effect], geometry: Geometry) -> tuple[Effect, ...]:

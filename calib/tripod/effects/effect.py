@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import permutations
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,6 +102,9 @@ class Effect(Protocol):
         """
 
 
+AnyEffect = TypeVar("AnyEffect", bound=Effect)
+
+
 @dataclass(frozen=True)
 class EffectInstance:
     """A law at one place with values in its units: an effect for the pipeline."""
@@ -134,34 +137,25 @@ def remedies(placed_laws: Sequence[EffectInstance]) -> tuple[str, ...]:
     """What to do against an effect that acts at these places, once for those of equal values."""
     alike: dict[tuple[float | complex, ...], list[EffectInstance]] = {}
     for placed_effect in placed_laws:
-        alike.setdefault(placed_effect.values, []).append(placed_effect)
-    return tuple(
-        dict.fromkeys(
-            _remedy(alike_effects)
-            for alike_effects in alike.values()
-            if alike_effects[0].effect.controller
-        )
-    )
+        if placed_effect.effect.controller:
+            alike.setdefault(placed_effect.values, []).append(placed_effect)
+    return tuple(dict.fromkeys(map(_remedy, alike.values())))
 
 
 def _remedy(alike: Sequence[EffectInstance]) -> str:
     effect, places = alike[0].effect, [placed_effect.place for placed_effect in alike]
+    third = ("".join(name for name in LEG_NAMES if name not in place) for place in places)
     labels = {
         "place": ", ".join(places),
         "axis": ", ".join(dict.fromkeys(place[0] for place in places)),
         "along": ", ".join(dict.fromkeys(place[-1] for place in places)),
-        "third": ", ".join(dict.fromkeys(_third(place) for place in places)),
+        "third": ", ".join(dict.fromkeys(third)),
     }
     for parameter, value in zip(effect.parameters, alike[0].values, strict=True):
         if value.real < parameter.least:
             return f"nothing to enter: no machine has {value.real:+.4g} {parameter.unit} of this"
         labels[parameter.name] = f"{value.real:+.4g} {parameter.unit}"
     return re.sub(r"\{(\w+)\}", lambda match: labels.get(match[1], match[0]), effect.controller)
-
-
-def _third(place: str) -> str:
-    """The axis that a pair does not name."""
-    return "".join(name for name in LEG_NAMES if name not in place)
 
 
 PAIRS = ("xy", "yz", "xz")
@@ -208,11 +202,6 @@ def at_mount(flow: Flow, place: str) -> FloatArray:
     (leg, axis), conditions = numbers(place), flow.taken
     rows = (conditions.leg == leg) & (conditions.axis == axis) & ~conditions.contact
     return np.asarray(rows, dtype=np.float64)
-
-
-def hours(conditions: Conditions) -> FloatArray:
-    """Hours from the start of the session ``(n,)``; NaN where not known."""
-    return np.asarray(conditions.time_s / 3600.0)
 
 
 def kelvins(conditions: Conditions) -> FloatArray:
@@ -265,12 +254,15 @@ class Law:
         return np.asarray(stage_input + self.moved(at, self.off(at)))
 
     def off(self, at: Acting) -> NDArray[Any]:
-        """By how much ``(..., n)``, mm; one number where it is the same for all readings."""
-        raise NotImplementedError
+        """By how much ``(..., n)``, mm; one number where it is the same for all readings.
 
-    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
-        """The change of what passes."""
-        raise NotImplementedError
+        Unless a law says otherwise that is its value.
+        """
+        return np.asarray(at.values[0])
+
+    def moved(self, _at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
+        """The change of what passes; of a law of no sort `off` is all of it."""
+        return off_mm
 
 
 def wave_mm(at: Acting, period_mm: float, sine: complex, cosine: complex) -> NDArray[Any]:
@@ -339,6 +331,16 @@ class OfReading(Law):
     def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
         """Readings ``(..., n)``."""
         return np.asarray(off_mm * at_mount(at.flow, at.place))
+
+
+def law_named(
+    law_of: Callable[[float], AnyEffect], pattern: re.Pattern[str], names: Iterable[str]
+) -> AnyEffect | None:
+    """The law of a figure, such as a lead, whose parameters have these names; None without one."""
+    ids = set(names)
+    figures = {float(match[1]) for match in map(pattern.fullmatch, ids) if match}
+    laws = (law_of(figure) for figure in figures if figure > 0.0)
+    return next((law for law in laws if ids == {p.name for p in law.parameters}), None)
 
 
 def moved_foot(leg: int, towards: FloatArray, sideways_mm: NDArray[Any]) -> NDArray[Any]:

@@ -25,8 +25,8 @@ from calib.tripod.effects.effect import (
     Law,
     OfCarriage,
     OfReading,
-    hours,
     kelvins,
+    law_named,
     travel_mm,
     wave_mm,
 )
@@ -65,7 +65,7 @@ def _bases() -> Iterator[Basis]:
         yield Basis(size, f"{text} travel", Stage.ACTUATOR)
 
 
-BASES: dict[str, Basis] = {one.parameter.name: one for one in _bases()}
+BASES: dict[str, Basis] = {basis.parameter.name: basis for basis in _bases()}
 """By the name of the parameter."""
 
 
@@ -88,7 +88,7 @@ class Empirical(Law):
         """What depends on what."""
         of_reading = self.stage == Stage.READING
         grows = "readings grow" if of_reading else "a carriage is off along its way"
-        return f"{grows} {empirical_words(self.bases)}"
+        return f"{grows} {' and '.join(BASES[name].words for name in self.bases)}"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -124,7 +124,7 @@ def _column(name: str, at: Acting) -> FloatArray:
         case "up_less_down":
             return np.asarray(conditions.approach / 2.0)
         case "per_hour":
-            return np.nan_to_num(hours(conditions))
+            return np.nan_to_num(conditions.time_s / 3600.0)
         case "per_kelvin":
             return np.nan_to_num(kelvins(conditions))
     of_reading = basis.stage == Stage.READING
@@ -195,11 +195,6 @@ class Repeating(OfCarriage):
         return np.asarray(np.sum(harmonics, axis=0))
 
 
-def empirical_words(bases: Iterable[str]) -> str:
-    """``with the cube of displacement and with time``."""
-    return " and ".join(BASES[name].words for name in bases)
-
-
 def empirical_effect(names: Iterable[str]) -> Empirical | Coupling | Repeating | None:
     """The law of these parameters in their usual order.
 
@@ -208,10 +203,8 @@ def empirical_effect(names: Iterable[str]) -> Empirical | Coupling | Repeating |
     ids = set(names)
     if ids == {parameter.name for parameter in Coupling.parameters}:
         return Coupling()
-    periods = {float(match[1]) for match in map(REPEATING.fullmatch, ids) if match}
-    if periods and min(periods) > 0.0:
-        law = Repeating(min(periods))
-        return law if ids == {parameter.name for parameter in law.parameters} else None
+    if repeating := law_named(Repeating, REPEATING, ids):
+        return repeating
     if not ids or not ids <= set(BASES) or len({BASES[n].stage for n in ids}) > 1:
         return None
     return Empirical(tuple(name for name in BASES if name in ids))

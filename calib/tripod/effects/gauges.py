@@ -1,34 +1,36 @@
-"""Effects of indicators, stands and plates.
+"""Effects of what is touched and read: indicators, stands, plates, contacts, a probe.
 
-``"xy"`` measures y on leg x, ``"tz"`` the tool along z.
+``"xy"`` measures y on leg x, ``"tz"`` the tool along z, or are contacts along z.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import LEG_NAMES, Conditions, FloatArray
 from calib.tripod.effects.effect import (
+    AT_MM,
     AT_TOOL,
     PER_THOUSAND,
     Acting,
     EffectParameter,
     Kind,
+    Law,
     OfReading,
     OfTouch,
-    at_mount,
-    hours,
+    Placed,
     kelvins,
     mounts,
     numbers,
     on_legs,
 )
-from calib.tripod.pipeline import Flow, moved_along
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Stage, commanded_tool, measuring_directions
 
 PERCENT = 1e-2
 
@@ -42,11 +44,9 @@ class GaugeGain(OfReading):
     parameters = (EffectParameter("gain", "%", 0.5, 20.0),)
     controller = "nothing to enter: check the indicator at {place}, it is {gain} off"
 
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
-        """The reading is multiplied by 1 + value."""
-        return np.asarray(stage_input * (1.0 + PERCENT * values[0] * at_mount(flow, place)))
+    def off(self, at: Acting) -> NDArray[Any]:
+        """A part of the reading."""
+        return PERCENT * at.values[0] * at.stage_input
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class TipOnRoundBar(OfTouch):
         """The touched point goes back by value z² / 2."""
         leg, axis = numbers(at.place)
         third = at.flow.geometry.read_along[leg, 3 - leg - axis]
-        z_mm = moved_along(at.flow, at.stage_input, np.broadcast_to(third, (len(at.flow.taken), 3)))
+        z_mm = at.flow.moved_along(at.stage_input, np.broadcast_to(third, (len(at.flow.taken), 3)))
         return -PER_THOUSAND * at.values[0] * z_mm**2 / 2.0
 
 
@@ -162,8 +162,8 @@ class DriftOfStand(OfReading):
         return PER_THOUSAND * at.values[0] * np.where(unknown, 0.0, figure)
 
     def wanders_with(self, conditions: Conditions) -> FloatArray:
-        """Hours ``(n,)``."""
-        return hours(conditions)
+        """Hours ``(n,)`` from the start of the session; NaN where not known."""
+        return np.asarray(conditions.time_s / 3600.0)
 
 
 @dataclass(frozen=True)
@@ -193,3 +193,133 @@ class DriftWithTemperature(DriftWithTime):
     def wanders_with(self, conditions: Conditions) -> FloatArray:
         """Kelvins ``(n,)``."""
         return kelvins(conditions)
+
+
+@dataclass(frozen=True)
+class TiltOfTouchedPlate(PlateTilt):
+    """A plate that falls one way, as the tool meets it in contacts: nothing of an indicator."""
+
+    id = "plate_tilt"
+    title = "the plate that the tool touches is tilted"
+    kind = Kind.MACHINE
+    controller = "nothing to enter: level the plate"
+
+    def places(self, conditions: Conditions) -> tuple[str, ...]:
+        """The tool along every coordinate that it met a plate along."""
+        return tuple(
+            f"t{LEG_NAMES[axis]}" for axis in np.unique(conditions.axis[conditions.contact])
+        )
+
+    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
+        """Touched points ``(..., n, 3)``."""
+        conditions = at.flow.taken
+        in_contact = conditions.contact & (conditions.axis == numbers(at.place)[1])
+        along = measuring_directions(at.flow.geometry, conditions)
+        return np.asarray((off_mm * in_contact)[..., None] * along)
+
+
+Shape = Literal["first", "second", "twist", "round"]
+
+
+@dataclass(frozen=True)
+class BowOfTouchedPlate(TiltOfTouchedPlate):
+    """The plate is no plane but bowed about its middle; positive: it falls from there outwards.
+
+    Along the first (second) of the other two coordinates, along their diagonal, x = y, while it
+    rises along x = -y, or every way alike: a dome, and a dish where it is negative.
+    """
+
+    shape: Shape = "first"
+    id = "plate_bow"
+    title = "the plate that the tool touches is not flat"
+    controller = "nothing to enter: lay a flat plate, or probe one"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:  # type: ignore[override]
+        """How much lower it is 100 mm from the middle."""
+        return (EffectParameter(f"bow_{self.shape}_at_100mm", "mm", 0.05, 5.0),)
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        """The value times the square of the way from Zero / 100 mm."""
+        first, second = (k for k in range(3) if k != numbers(at.place)[1])
+        x, y = (at.stage_input[..., k] / AT_MM for k in (first, second))
+        first_square, second_square = x * x, y * y
+        squares = {
+            "first": first_square,
+            "second": second_square,
+            "twist": 2.0 * x * y,
+            "round": first_square + second_square,
+        }
+        return np.asarray(at.values[0] * squares[self.shape])
+
+
+SHAPES: tuple[BowOfTouchedPlate, ...] = (
+    BowOfTouchedPlate("first"),
+    BowOfTouchedPlate("second"),
+    BowOfTouchedPlate("twist"),
+)
+"""They add up to any bow."""
+
+ROUND = BowOfTouchedPlate("round")
+"""The commonest one, a name of its own: as two bows it would be two causes."""
+
+
+@dataclass(frozen=True)
+class PlatformTilt(Law):
+    """The two bars of a leg are unequal: the platform tilts, and a probe beside the tool with it.
+
+    Otherwise in every posture. The tool itself, where the bars meet, stays. Positive: the bar on
+    the anticlockwise side of the tower is longer; in parts of the distance between both.
+    """
+
+    id = "platform_tilt"
+    title = "the platform tilts as it moves, and the probe beside the tool with it"
+    stage = Stage.TOUCH
+    parameters = (EffectParameter("unequal", "mrad", 1.0, 50.0),)
+    controller = (
+        "nothing to enter: make both bars of {place} equal, they differ by {unequal} of the "
+        "distance between them; or probe with the nozzle"
+    )
+
+    def places(self, conditions: Conditions) -> tuple[str, ...]:
+        """Every leg, where a probe beside the tool met a plate."""
+        return LEG_NAMES if conditions.beside_mm.any() else ()
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        """The probe's tip ``(n, 3)`` is turned about the tool."""
+        conditions = at.flow.taken
+        turns = _turns(at.flow.geometry, conditions)[:, at.leg]
+        return PER_THOUSAND * at.values[0] * np.cross(turns, conditions.beside_mm)
+
+
+def _turns(geometry: Geometry, conditions: Conditions) -> FloatArray:
+    """How each leg turns the platform ``(n, 3 legs, 3)``, rad for a part of one.
+
+    Both bars of a leg run along ``b``; their ends on the platform are apart along ``t``, across the
+    bar and the drive at Zero. A turn w makes one longer than the other by ``w (t x b)`` of their
+    distance. All 0 on machines whose bars lie along their drives at Zero.
+    """
+    turns = np.zeros((len(conditions), 3, 3))
+    if geometry.common_zero:
+        return turns
+    apart = np.cross(geometry.bars(np.zeros(3)), geometry.directions)
+    apart /= np.linalg.norm(apart, axis=1)[:, None]
+    off_centre = conditions.beside_mm.any(axis=1)
+    longer = np.cross(apart, geometry.bars(commanded_tool(geometry, conditions)[off_centre]))
+    turns[off_centre] = np.swapaxes(np.linalg.inv(longer), -1, -2)
+    return turns
+
+
+def contact_tolerances(bow_mm: float, unequal_mrad: float) -> dict[Placed, float]:
+    """Laws of a plate that is met along z and of the platform, with the size that is usual of each.
+
+    A bow of any direction is as likely: its twist is the smaller by a root of two. 0: none.
+    """
+    first, second, twist = SHAPES
+    tolerances: dict[Placed, float] = {
+        (first, "tz"): bow_mm,
+        (second, "tz"): bow_mm,
+        (twist, "tz"): bow_mm / math.sqrt(2.0),
+        **{(PlatformTilt(), leg): unequal_mrad for leg in LEG_NAMES},
+    }
+    return {law: size for law, size in tolerances.items() if size}

@@ -47,7 +47,11 @@ def hidden_among(
     show it.
     """
     generator = np.random.default_rng([seed, 5])
-    choices = _plain_ones(candidates, truth, conditions)
+    base = derivatives(truth.geometry, truth.parameters_mm, conditions)
+    basis = basis_of(np.hstack([incidence(conditions.mount), tilts(conditions), base]), DEPENDENT)
+    choices = [_Choice(c, without(basis, c.columns)) for c in candidates]
+    best = max(choice.plain_mm for choice in choices)
+    choices = [choice for choice in choices if choice.plain_mm >= NEARLY_AS_PLAIN * best]
     choice = choices[int(generator.integers(len(choices)))]
     draws = [choice.tolerance * _direction(generator, len(choice.tolerance)) for _ in range(DRAWS)]
     values = max(draws, key=choice.signal_mm)
@@ -87,14 +91,3 @@ class _Choice:
     def signal_mm(self, values: FloatArray) -> float:
         """R.m.s. of what these values leave."""
         return float(np.sqrt(((self.left @ values) ** 2).mean()))
-
-
-def _plain_ones(
-    candidates: Sequence[Candidate], truth: Model, conditions: Conditions
-) -> list[_Choice]:
-    """The candidates that show about as well as the plainest."""
-    base = derivatives(truth.geometry, truth.parameters_mm, conditions)
-    basis = basis_of(np.hstack([incidence(conditions.mount), tilts(conditions), base]), DEPENDENT)
-    choices = [_Choice(c, without(basis, c.columns)) for c in candidates]
-    best = max(choice.plain_mm for choice in choices)
-    return [choice for choice in choices if choice.plain_mm >= NEARLY_AS_PLAIN * best]

@@ -16,7 +16,6 @@ from calib.design.exchange import Candidates, choose, swap_ratios
 from calib.design.refinement import (
     OF_ENDS,
     Pull,
-    cost_and_slope,
     cost_by_rows,
     refine,
 )
@@ -204,30 +203,26 @@ def test_slope_of_the_cost_is_that_of_differences(
 ) -> None:
     k = 4 if parameters is None else 3
     aim = Aim(criterion, parameters, metric_of(k))
-    flat = random_rows(6, 9, 1, 4)[:, 0]
-    information = flat.T @ flat
-    cost, slope = cost_and_slope(information, aim)
-    value = value_of(information, aim)
+    rows = random_rows(6, 9, 1, 4)
+    cost, slope = cost_by_rows(rows, aim)
+    value = value_of(rows[:, 0].T @ rows[:, 0], aim)
     assert cost == pytest.approx(math.log(value) * (-1 if criterion.larger_is_better else 1))
-    step = random_rows(7, 1, 4, 4)[0]
-    step = 1e-6 * (step + step.T)
-    ahead, behind = (cost_and_slope(information + s * step, aim)[0] for s in (1, -1))
+    step = 1e-6 * random_rows(7, 9, 1, 4)
+    ahead, behind = (cost_by_rows(rows + s * step, aim)[0] for s in (1, -1))
     assert float((slope * step).sum()) == pytest.approx((ahead - behind) / 2, rel=1e-4)
 
 
 @pytest.mark.parametrize("criterion", OF_ENDS)
 def test_smoothed_criteria_come_near_and_have_slopes(criterion: Criterion) -> None:
-    flat = random_rows(6, 9, 1, 4)[:, 0]
-    information, aim = flat.T @ flat, Aim(criterion)
-    hard = cost_and_slope(information, aim)[0]
-    costs = [cost_and_slope(information, aim, power)[0] for power in (8.0, 64.0, 4096.0)]
+    rows, aim = random_rows(6, 9, 1, 4), Aim(criterion)
+    hard = cost_by_rows(rows, aim)[0]
+    costs = [cost_by_rows(rows, aim, power)[0] for power in (8.0, 64.0, 4096.0)]
     assert sorted(costs, reverse=True) == costs
     assert costs[0] > hard
     assert costs[-1] == pytest.approx(hard, abs=1e-6)
-    step = random_rows(7, 1, 4, 4)[0]
-    step = 1e-6 * (step + step.T)
-    slope = cost_and_slope(information, aim, 8.0)[1]
-    ahead, behind = (cost_and_slope(information + s * step, aim, 8.0)[0] for s in (1, -1))
+    step = 1e-6 * random_rows(7, 9, 1, 4)
+    slope = cost_by_rows(rows, aim, 8.0)[1]
+    ahead, behind = (cost_by_rows(rows + s * step, aim, 8.0)[0] for s in (1, -1))
     assert float((slope * step).sum()) == pytest.approx((ahead - behind) / 2, rel=1e-4)
 
 

@@ -9,7 +9,7 @@ from app.evaluating.solution import solve_sessions
 from app.measuring.simulated import simulated_session
 from calib.arrays import tool_conditions
 from calib.diagnosis.vectors import vector_maps
-from calib.tripod.pipeline import Model, command, posture
+from calib.tripod.pipeline import Flow, Model, command
 from calib.tripod.workspace import PLANES
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
@@ -34,7 +34,7 @@ def test_arrows_are_the_way_from_where_the_tool_should_be() -> None:
         places[:, across] = maps[0].coordinate_mm[columns]
         places[:, up] = maps[0].up_mm[rows]
         conditions = tool_conditions(places)
-        stands = posture(
+        stands = Flow(
             geometry, truth.parameters_mm, conditions, command(geometry, conditions)
         ).tool_mm
         off_mm = stands - places

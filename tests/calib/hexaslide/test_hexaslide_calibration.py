@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
 from calib.hexaslide import procedures
-from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
+from calib.hexaslide.calibration import Calibration, calibrate
 from calib.hexaslide.checked import check_postures, frames_apart, inner_lengths, length_slopes
 from calib.hexaslide.derivatives import jacobian, joint_angles
 from calib.hexaslide.geometry import (
@@ -28,7 +28,14 @@ from calib.hexaslide.geometry import (
     with_values,
 )
 from calib.hexaslide.procedures import Procedure, held_postures, looseness
-from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whitening
+from calib.hexaslide.residuals import (
+    Readings,
+    postures_of,
+    residuals,
+    shares,
+    stretch,
+    whitening,
+)
 from calib.hexaslide.simulation import SimulatedHexaSlide, disturbed, measure, on_link
 from calib.stats import coverage_factor
 from tests.calib.hexaslide.test_hexaslide import H60, random_machine
@@ -186,7 +193,7 @@ def test_derivatives_are_those_of_what_is_left(kind: str, measured: tuple[str, .
         ends = []
         for sign in (1.0, -1.0):
             moved = NOMINAL.with_parameters(names, nominal + sign * step * np.eye(len(nominal))[k])
-            ends.append(residuals_of(readings, moved).values)
+            ends.append(residuals(readings, moved, postures_of(readings, moved))[0].values)
         difference = (ends[0] - ends[1]) / (2.0 * step)
         assert -difference == pytest.approx(slopes[:, :, k], abs=1e-7)
 
@@ -283,7 +290,7 @@ def test_pose_inverse_counts_the_noise_of_the_posture_not_of_the_sliders() -> No
 def test_weights_make_residuals_independent_and_equal() -> None:
     _, truth, readings = calibrated("pose-inverse", 400, 11, noise=(NOISE_M, NOISE_RAD))
     white = whitening(readings, truth.geometry)
-    residual = residuals_of(readings, truth).values
+    residual = residuals(readings, truth, postures_of(readings, truth))[0].values
     plain = np.einsum("prs,ps->pr", white, residual) / NOISE_M
     assert np.cov(plain.T) == pytest.approx(np.eye(6), abs=0.2)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from calib.arrays import conditions
 from calib.tripod.differences import reading_matrix
 from calib.tripod.geometry import Geometry, inverse, tool_jacobians
-from calib.tripod.pipeline import Model, command, posture, touched_fraction, touched_point
+from calib.tripod.pipeline import Flow, Model, command
 from tests.builders import postures
 
 NOMINAL = Geometry()
@@ -50,13 +49,12 @@ def test_gauges_stand_at_10() -> None:
     rho, length = np.array([0.02, -0.01, 0.03]), np.array([-0.01, 0.02, 0.015])
     plan = conditions([0, 1, 2], [1, 2, 0], [0.0] * 3)
     model = Model(NOMINAL, tuple(np.concatenate([rho, length]).tolist()))
-    flow = posture(NOMINAL, model.parameters_mm, plan, command(NOMINAL, plan))
+    flow = Flow(NOMINAL, model.parameters_mm, plan, command(NOMINAL, plan))
     middle = 0.5 * (flow.tool_mm + flow.foot_mm[np.arange(3), plan.leg])
     printed = np.tile(0.5 * (rho - length), (3, 1))
     printed[np.arange(3), np.arange(3)] = 0.5 * (L_MM - length) + rho
     assert middle == pytest.approx(printed, abs=1e-5)
-    flow = replace(flow, fraction=np.full(3, 0.5))
-    assert touched_point(flow) == pytest.approx(middle, abs=1e-12)
+    assert flow.touched_mm == pytest.approx(middle, abs=1e-12)
 
 
 def test_parameter_mu() -> None:
@@ -64,8 +62,8 @@ def test_parameter_mu() -> None:
     length = 0.1
     parameters = np.array([0.0, 0.0, 0.0, length, 0.0, 0.0])
     plan = conditions([0, 0], [1, 1], [60.0, 0.0])  # the last row is Zero
-    flow = posture(NOMINAL, parameters, plan, command(NOMINAL, plan))
-    mu = 1.0 - touched_fraction(replace(flow, fraction=np.empty(0)))[0]
+    flow = Flow(NOMINAL, parameters, plan, command(NOMINAL, plan))
+    mu = 1.0 - flow.fraction[0]
     sine = 60.0 / L_MM
     assert mu == pytest.approx(0.5 + sine - sine * length / L_MM, abs=1e-7)
 

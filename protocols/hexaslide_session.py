@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal, cast, get_args
 
@@ -21,7 +22,9 @@ from calib.hexaslide.procedures import ANGLES, Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
 from calib.hexaslide.simulation import SimulatedHexaSlide, on_link
 from protocols.data_table import NUMBER
+from protocols.dates import is_dated, measured_at
 from protocols.documents import Celsius, Count, Document, Name, Seed, Words, read_toml
+from protocols.files import RECORD_START
 from protocols.hexaslide import (
     MOST_POSTURES,
     SCHEMA,
@@ -35,10 +38,11 @@ from protocols.hexaslide import (
     NoiseFigure,
     load_postures,
     machine_like,
+    read_measurements,
 )
 from protocols.machine_files import beginning_of
 from protocols.record import Meaning, Record, RecordForm, read_record
-from protocols.session import Beginning, Closed, Line, Noted, Skipped, Superseded
+from protocols.session import Beginning, Closed, Continued, Line, Noted, Skipped, Superseded
 
 SessionSchema = Literal[
     "glidecal.hexaslide-session/1",
@@ -285,14 +289,10 @@ class PostureReading(Line):
     text: str
 
 
-class PosturesContinued(Line):
+class PosturesContinued(Continued):
     """The session goes on after an interruption; bytes of a torn last line were set aside."""
 
-    event: Literal["continued"] = "continued"
     schema_id: SessionSchema = Field(alias="schema", default=SCHEMA_ID)
-    program: Name
-    torn_bytes: int = 0
-    paused_s: float | None = None
 
 
 PostureEvent = Annotated[
@@ -427,3 +427,27 @@ def read_postures(path: Path) -> tuple[PostureSession, Record]:
         raise RecordError(f"session {path}", "a file of measurements", "a session")
     record = read_record(path, POSTURE_FORM)
     return replace(fold_postures(record.events), name=path.name), record
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredFile:
+    """Measured postures by the ``name`` of their file: ``warnings`` tell that its record was cut or
+    is not closed, ``began`` when it was measured, None where no date is known.
+    """
+
+    name: str
+    source: HexaSlideMeasurements
+    warnings: tuple[str, ...] = ()
+    began: datetime | None = None
+
+
+def measured_in(path: Path) -> MeasuredFile:
+    """Measured postures of a session, or of a file in metres and radians that older programs and
+    ``simulate`` write. Raises RecordError.
+    """
+    if not beginning_of(path).startswith(RECORD_START):
+        return MeasuredFile(path.name, read_measurements(path))
+    session, record = read_postures(path)
+    began = measured_at(session.opened) if is_dated(session.opened) else None
+    warnings = (record.unfinished,) if record.unfinished else ()
+    return MeasuredFile(path.name, session.measurements(), warnings, began)

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.errors import RecordError
 from calib.tripod.geometry import Geometry
-from protocols.documents import Triple
+from protocols.documents import Triple, triple
 from protocols.session import Distance
 from protocols.table import FROM, TO, Row, rows_of_table
 
@@ -48,13 +48,9 @@ def _measured(row: Row) -> MeasuredDistance:
             "columns " + ", ".join((*FROM, *TO, "distance_mm")),
             "Missing: distance_mm",
         )
-    places: list[Triple] = []
-    for names in (FROM, TO):
-        x, y, z = (row.number(name) for name in names)
-        places.append((x, y, z))
     return MeasuredDistance(
-        places[0],
-        places[1],
+        triple(map(row.number, FROM)),
+        triple(map(row.number, TO)),
         row.number("distance_mm"),
         row.with_point("distance_mm"),
         f"table {row.path}, line {row.line}",

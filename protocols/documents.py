@@ -35,8 +35,11 @@ Triple = tuple[LengthMm, LengthMm, LengthMm]
 ZERO: Triple = (0.0, 0.0, 0.0)
 
 
-def triple(values: Iterable[float]) -> Triple:
-    """Three numbers, of drives x, y, z or of a place, as documents have them."""
+T = TypeVar("T")
+
+
+def triple(values: Iterable[T]) -> tuple[T, T, T]:
+    """Three values, of drives x, y, z or of a place, as documents have them."""
     x, y, z = values
     return x, y, z
 

@@ -42,7 +42,7 @@ from protocols.hexaslide import (
 )
 from protocols.machine_files import beginning_of
 from protocols.record import Meaning, Record, RecordForm, read_record
-from protocols.session import Beginning, Closed, Continued, Line, Noted, Skipped, Superseded
+from protocols.session import Beginning, Closed, Continuation, Line, Noted, Skipped, Superseded
 
 SessionSchema = Literal[
     "glidecal.hexaslide-session/1",
@@ -289,7 +289,7 @@ class PostureReading(Line):
     text: str
 
 
-class PosturesContinued(Continued):
+class PosturesContinued(Continuation):
     """The session goes on after an interruption; bytes of a torn last line were set aside."""
 
     schema_id: SessionSchema = Field(alias="schema", default=SCHEMA_ID)

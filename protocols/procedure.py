@@ -6,7 +6,7 @@ import math
 import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise, permutations, product
+from itertools import chain, compress, pairwise, permutations, product
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -287,43 +287,31 @@ class Procedure(Document):
                 "a procedure with [plate], readings of the tool",
                 "plate-rings is one.",
             )
-        low, high = geometry.travel_min_mm, geometry.travel_max_mm
-        coordinate, requirement = "level", f"the joint limits {low:g} … {high:g} mm"
-        faults: Iterator[tuple[Key, str]]
+        limits = f"the joint limits {geometry.travel_min_mm:g} … {geometry.travel_max_mm:g} mm"
+        coordinate, requirement = "level", limits
         if self.plate is not None:
-            coordinate, requirement = (
-                "position",
-                f"a position that the bars reach within {requirement}",
-            )
-            places = self.plate.places_mm()
-            stands = geometry.stands(np.array(places)).tolist()
-            faults = (
-                (("plate",), position_words(place))
-                for place, may_stand in zip(places, stands, strict=True)
-                if not may_stand
-            )
-        else:
-            levels: dict[Key, tuple[Level, ...]] = {("levels",): self.levels}
-            if self.plane is not None:
-                levels["plane", "levels"] = self.plane.levels
-            displacements = [
-                ((*key, k), _displacement(level, geometry))
-                for key, of_key in levels.items()
-                for k, level in enumerate(of_key)
-            ]
-            faults = ((key, f"{mm:g} mm") for key, mm in displacements if not low <= mm <= high)
-            if not geometry.common_zero:
-                requirement = f"places that the bars of every leg reach within {requirement}"
-                faults = (
-                    (key, f"{mm:g} mm of leg {LEG_NAMES[leg]}")
-                    for (key, mm), leg in product(displacements, map(leg_number, self.legs))
-                    if not geometry.goes(leg, mm)
-                )
-        for key, value in faults:
+            coordinate, requirement = "position", f"a position that the bars reach within {limits}"
+        elif not geometry.common_zero:
+            requirement = f"places that the bars of every leg reach within {limits}"
+        for key, value in self._beyond_limits(geometry):
             next_step = f"Change the {coordinate}, or the limits in the machine file."
             raise RecordError(
                 f"{self._where(path, key)}, {coordinate}", value, requirement, next_step
             )
+
+    def _beyond_limits(self, geometry: Geometry) -> Iterator[tuple[Key, str]]:
+        """Positions, or levels, that the machine does not allow, with their place in the file."""
+        if self.plate is not None:
+            places = self.plate.places_mm()
+            for place in compress(places, ~geometry.stands(np.array(places))):
+                yield ("plate",), position_words(place)
+        levels: list[tuple[Key, Level]] = [(("levels", k), v) for k, v in enumerate(self.levels)]
+        if self.plane is not None:
+            levels += [(("plane", "levels", k), v) for k, v in enumerate(self.plane.levels)]
+        for (key, level), leg in product(levels, self.legs):
+            mm = _displacement(level, geometry)
+            if not leg_within(leg, mm, geometry):
+                yield key, f"{mm:g} mm" if geometry.common_zero else f"{mm:g} mm of leg {leg}"
 
     def check_bars(self, geometry: Geometry, path: Path | None = None) -> None:
         """Raises RecordError for the first touched point off the usable part of its bar.
@@ -486,6 +474,13 @@ def default_mount(leg: str, axis: str, station: float) -> str:
 def leg_number(name: str) -> int:
     """0, 1, 2 for x, y, z, and `TOOL`."""
     return TOOL if name == "tool" else LEG_NAMES.index(name)
+
+
+def leg_within(leg: str, displacement_mm: float, geometry: Geometry) -> bool:
+    """Whether the joint limits allow a displacement from the Zero of a leg."""
+    if not geometry.common_zero:
+        return geometry.goes(leg_number(leg), displacement_mm)
+    return geometry.travel_min_mm <= displacement_mm <= geometry.travel_max_mm
 
 
 def off_bar(

@@ -316,7 +316,17 @@ class Noted(Line):
     text: Name
 
 
-class Continued(Line):
+class Continuation(Line):
+    """A session of any kind of machine goes on after an interruption."""
+
+    event: Literal["continued"] = "continued"
+    schema_id: str | None = Field(alias="schema", default=None)
+    program: Name
+    torn_bytes: int = 0
+    paused_s: float | None = None
+
+
+class Continued(Continuation):
     """The session goes on after an interruption; bytes of a torn last line were set aside.
 
     The lines from here on keep to ``schema_id``, None: to that of the first line.
@@ -324,11 +334,7 @@ class Continued(Line):
     readings goes on by so much, or by nothing where the clock was set back.
     """
 
-    event: Literal["continued"] = "continued"
     schema_id: SchemaId | None = Field(alias="schema", default=None)
-    program: Name
-    torn_bytes: int = 0
-    paused_s: float | None = None
 
 
 class Changed(Line):

@@ -26,9 +26,17 @@ from protocols.data_table import (
     unprotected,
     workbook,
 )
-from protocols.documents import LARGEST_COUNT, describe
+from protocols.documents import LARGEST_COUNT, describe, triple
 from protocols.machine import Instrument, Machine
-from protocols.procedure import ALL_AXES, SLIDING, Leg, Procedure, default_mount, off_bar
+from protocols.procedure import (
+    ALL_AXES,
+    SLIDING,
+    Leg,
+    Procedure,
+    default_mount,
+    leg_within,
+    off_bar,
+)
 from protocols.session import (
     LARGEST_READING_MM,
     MOVED,
@@ -210,15 +218,9 @@ def opened_table(
 def outside_limits(readings: Sequence[Reading], geometry: Geometry) -> int:
     """How many readings are in postures that the joint limits do not allow."""
     places = [r.position_mm for r in readings if r.position_mm is not None]
-    of_legs = [r for r in readings if r.position_mm is None]
     of_tool = int((~geometry.stands(np.array(places))).sum()) if places else 0
-    return of_tool + sum(not _leg_within(reading, geometry) for reading in of_legs)
-
-
-def _leg_within(reading: Reading, geometry: Geometry) -> bool:
-    if not geometry.common_zero:
-        return geometry.goes(LEG_NAMES.index(reading.leg), reading.displacement_mm)
-    return geometry.travel_min_mm <= reading.displacement_mm <= geometry.travel_max_mm
+    of_legs = (r for r in readings if r.position_mm is None)
+    return of_tool + sum(not leg_within(r.leg, r.displacement_mm, geometry) for r in of_legs)
 
 
 def off_plate_words(readings: Sequence[Reading], machine: Machine) -> str:
@@ -328,8 +330,8 @@ def _is_of_contact(names: Container[str]) -> bool:
 
 def _tool_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry) -> Reading:
     axis = row.letter("axis") if row.fields.get("axis") else "z"
-    x, y, z = (row.number(name) for name in POSITION)
-    if not (geometry.reach_mm2(np.array([x, y, z])) > 0.0).all():
+    place = x, y, z = triple(row.number(name) for name in POSITION)
+    if not (geometry.reach_mm2(np.array(place)) > 0.0).all():
         raise row.fault(
             "z_mm",
             f"with x and y a place that the bars reach, not ({x:g}, {y:g}, {z:g}) mm",
@@ -343,7 +345,7 @@ def _tool_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geo
         leg="tool",
         axis=axis,
         displacement_mm=0.0,
-        position_mm=(x, y, z),
+        position_mm=place,
         lift_mm=lift or None,
         mount=row.fields.get("mount") or default_mount("tool", axis, 0.0),
         station=0.0,

@@ -22,7 +22,6 @@ from calib.hexaslide.procedures import ANGLES, Procedure, ProcedureKind
 from calib.hexaslide.residuals import Readings
 from calib.hexaslide.simulation import SimulatedHexaSlide, on_link
 from protocols.data_table import NUMBER
-from protocols.dates import is_dated, measured_at
 from protocols.documents import Celsius, Count, Document, Name, Seed, Words, read_toml
 from protocols.files import RECORD_START
 from protocols.hexaslide import (
@@ -448,6 +447,7 @@ def measured_in(path: Path) -> MeasuredFile:
     if not beginning_of(path).startswith(RECORD_START):
         return MeasuredFile(path.name, read_measurements(path))
     session, record = read_postures(path)
-    began = measured_at(session.opened) if is_dated(session.opened) else None
+    opened = session.opened
+    began = opened.measured_at if opened.is_dated else None
     warnings = (record.unfinished,) if record.unfinished else ()
     return MeasuredFile(path.name, session.measurements(), warnings, began)

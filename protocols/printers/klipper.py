@@ -138,11 +138,11 @@ class Config:
         self, section: str, key: str, usual: float | None = None, *, above: float | None = None
     ) -> float:
         """A finite number. Raises RecordError where it is missing, no number, or not above."""
-        subject = f"{SUBJECT} {self.path}, [{section}] {key}"
         text = self.text(section, key)
         if text is None:
             if usual is None:
-                raise RecordError(subject, "nothing", "a number", "Add it as the printer has it.")
+                next_step = "Add it as the printer has it."
+                raise self.fault(section, key, "nothing", "a number", next_step)
             return usual
         try:
             value = float(text)
@@ -150,8 +150,15 @@ class Config:
             value = math.nan
         if not math.isfinite(value) or (above is not None and value <= above):
             limit = "" if above is None else f" above {above:g}"
-            raise RecordError(subject, repr(text), f"a finite number{limit}")
+            raise self.fault(section, key, repr(text), f"a finite number{limit}")
         return value
+
+    def fault(
+        self, section: str, key: str, value: str, allowed: str, next_step: str = ""
+    ) -> RecordError:
+        """The error that the value of a key deserves."""
+        subject = f"{SUBJECT} {self.path}, [{section}] {key}"
+        return RecordError(subject, value, allowed, next_step)
 
     def text(self, section: str, key: str) -> str | None:
         """What stands there; None: nothing."""
@@ -187,12 +194,9 @@ def _content_of_config(config: Config) -> FileContent:
     """What a ``printer.cfg`` holds. Raises RecordError for a machine without upright towers."""
     kinematics = config.text("printer", "kinematics") or "nothing"
     if kinematics != UPRIGHT_TOWERS:
-        raise RecordError(
-            f"{SUBJECT} {config.path}, [printer] kinematics",
-            kinematics,
-            f"{UPRIGHT_TOWERS}: three upright towers",
-            "Other printers are not calibrated here.",
-        )
+        allowed = f"{UPRIGHT_TOWERS}: three upright towers"
+        next_step = "Other printers are not calibrated here."
+        raise config.fault("printer", "kinematics", kinematics, allowed, next_step)
     saved = SavedPlaces(config, *_printer(config))
     contacts, distances = saved.measured()
     x_offset, y_offset, _ = _probe_offset_mm(config)
@@ -240,8 +244,9 @@ def _turn_mm(config: Config, stepper: str) -> float:
     """Travel of a carriage for one turn of its motor: behind a gear it is less."""
     if config.text(stepper, "rotation_distance") is None:
         old = config.text(stepper, "step_distance")
-        raise RecordError(
-            f"{SUBJECT} {config.path}, [{stepper}] rotation_distance",
+        raise config.fault(
+            stepper,
+            "rotation_distance",
             "nothing" if old is None else f"step_distance: {old}, as Klipper had it before 2021",
             "the travel for one turn, in mm: without it steps have no length",
             "Give the printer.cfg that the printer starts with today.",
@@ -254,9 +259,7 @@ def _gearing(config: Config, stepper: str) -> float:
     for pair in filter(None, (part.strip() for part in text.split(","))):
         match = re.fullmatch(rf"{NUMBER}\s*:\s*{NUMBER}", pair)
         if match is None or not float(match[1]) > 0.0 or not float(match[2]) > 0.0:
-            raise RecordError(
-                f"{SUBJECT} {config.path}, [{stepper}] gear_ratio", repr(text), "such as 80:16"
-            )
+            raise config.fault(stepper, "gear_ratio", repr(text), "such as 80:16")
         ratio *= float(match[1]) / float(match[2])
     return ratio
 
@@ -298,8 +301,8 @@ class SavedPlaces:
                 break
             for end in endings:
                 if key + end not in keys:
-                    steps = f"three numbers of steps beside {key}"
-                    raise RecordError(self._subject(key + end), "nothing", steps)
+                    allowed = f"three numbers of steps beside {key}"
+                    raise self.config.fault(CALIBRATION, key + end, "nothing", allowed)
             yield key
 
     def _contact(self, key: str) -> Contact:
@@ -318,41 +321,40 @@ class SavedPlaces:
         ends = [f"{key}_pos{end}" for end in (1, 2)]
         first, second = (self._place(end, 0.0) for end in ends)
         text = f"{key}: {value_mm:g}, {', '.join(map(self._steps_words, ends))}"
-        return MeasuredDistance(first, second, value_mm, text, self._subject(key))
+        source = f"{SUBJECT} {self.config.path}, [{CALIBRATION}] {key}"
+        return MeasuredDistance(first, second, value_mm, text, source)
 
     def _steps_words(self, key: str) -> str:
         return f"{key}: {self.config.text(CALIBRATION, key)}"
 
-    def _subject(self, key: str) -> str:
-        return f"{SUBJECT} {self.config.path}, [{CALIBRATION}] {key}"
-
     def _place(self, key: str, height_mm: float) -> Triple:
         """Where these steps lead to. Raises RecordError further than so much from the height."""
-        subject, text = self._subject(key), self.config.text(CALIBRATION, key) or ""
+        text = self.config.text(CALIBRATION, key) or ""
         try:
             steps = np.array([float(part) for part in text.split(",")])
         except ValueError:
             steps = np.array([math.nan])
         if steps.shape != (3,) or not np.isfinite(steps).all():
-            raise RecordError(subject, repr(text), "three numbers of steps, of a, b and c")
+            allowed = "three numbers of steps, of a, b and c"
+            raise self.config.fault(CALIBRATION, key, repr(text), allowed)
         try:
             place = self.printer.tool_mm(self.printer.switches_mm - steps * np.array(self.step_mm))
         except UnreachablePosture as problem:
-            raise _elsewhere(subject, text, "the bars do not meet there") from problem
+            raise self._elsewhere(key, "the bars do not meet there") from problem
         x, y, z = (round(value, DECIMALS) + 0.0 for value in place)
         if abs(z - height_mm) > OFF_PLATE_MM:
-            raise _elsewhere(subject, text, f"the tool at ({x:z.1f}, {y:z.1f}, {z:z.1f}) mm")
+            raise self._elsewhere(key, f"the tool at ({x:z.1f}, {y:z.1f}, {z:z.1f}) mm")
         return x, y, z
 
-
-def _elsewhere(subject: str, text: str, reason: str) -> RecordError:
-    return RecordError(
-        subject,
-        f"{text}: {reason}",
-        f"a place within {OFF_PLATE_MM:g} mm of the plate",
-        "These contacts are of another geometry: endstops, arms or steps changed since. Run "
-        "DELTA_CALIBRATE again, save, and import that.",
-    )
+    def _elsewhere(self, key: str, reason: str) -> RecordError:
+        return self.config.fault(
+            CALIBRATION,
+            key,
+            f"{self.config.text(CALIBRATION, key)}: {reason}",
+            f"a place within {OFF_PLATE_MM:g} mm of the plate",
+            "These contacts are of another geometry: endstops, arms or steps changed since. Run "
+            "DELTA_CALIBRATE again, save, and import that.",
+        )
 
 
 def _probe_offset_mm(config: Config) -> Triple:

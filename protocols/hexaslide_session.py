@@ -38,6 +38,7 @@ from protocols.hexaslide import (
     load_postures,
     machine_like,
     read_measurements,
+    unit_question,
 )
 from protocols.machine_files import beginning_of
 from protocols.record import Meaning, Record, RecordForm, read_record
@@ -159,7 +160,8 @@ def commands(machine: HexaSlideMachine, procedure: PostureProcedure) -> PostureC
             f"procedure {procedure.name}, {problem.thing}",
             problem.found,
             problem.allowed,
-            "Give postures of this machine with --posture-file: glidecal postures finds them.",
+            unit_question(postures, hexaslide.box)
+            or "Give postures of this machine with --posture-file: glidecal postures finds them.",
         ) from problem
     return PostureCommands(procedure.with_postures(postures), 1000.0 * sliders)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -410,6 +411,17 @@ def _leg_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geom
     )
 
 
+ABSOLUTE_ZERO_C = -273.15
+
+
+def _temperature(row: Row, column: str) -> float:
+    """Raises RecordError below absolute zero, which records of older programs may hold."""
+    temperature_c = row.number(column)
+    if temperature_c < ABSOLUTE_ZERO_C:
+        raise row.fault(column, f"{ABSOLUTE_ZERO_C:g} °C, absolute zero, or more")
+    return temperature_c
+
+
 def _of_any(row: Row, unknown: tuple[str, ...]) -> dict[str, Any]:
     """What readings of legs and of the tool have in common."""
     column = "height_mm" if _is_of_contact(row.fields) else "value_mm"
@@ -421,7 +433,7 @@ def _of_any(row: Row, unknown: tuple[str, ...]) -> dict[str, Any]:
         "unit_assumed": bool(row.optional("unit_assumed", lambda name: row.whole(name, 0), 0)),
         "cycle": row.optional("cycle", lambda name: row.whole(name, 1), 1),
         "time_s": row.optional("time_s", row.number, None),
-        "temperature_c": row.optional("temperature_c", row.number, None),
+        "temperature_c": row.optional("temperature_c", partial(_temperature, row), None),
         "averaged": row.optional("averaged", lambda name: row.whole(name, 1), 1),
         "moved": _moved(row),
         "extra": {name: row.fields[name] for name in unknown},

@@ -221,15 +221,19 @@ def lines_of(path: Path, most_rows: int) -> tuple[Texts, bool]:
     if path.suffix.lower() == PARQUET:
         return parquet_rows(path, most_rows - 1), False
     text = read_text(path, "table")
-    stated = SEPARATOR_LINE.match(text)
-    if stated and stated[1] not in SEPARATORS:
-        allowed = "sep=; or sep=, as spreadsheets write it"
-        raise RecordError(f"table {path}, line 1", repr(stated[0].rstrip("\n")), allowed)
+    separator_line = SEPARATOR_LINE.match(text)
+    if separator_line and separator_line[1] not in SEPARATORS:
+        requirement = "sep=; or sep=, as spreadsheets write it"
+        raise RecordError(
+            f"table {path}, line 1", repr(separator_line[0].rstrip("\n")), requirement
+        )
     header = next((line for line in text.splitlines() if not line.startswith("#")), "")
-    separator = stated[1] if stated else SEPARATORS[";" in header and "," not in header]
+    separator = (
+        separator_line[1] if separator_line else SEPARATORS[";" in header and "," not in header]
+    )
     lines = csv.reader(StringIO(text, newline=""), strict=True, delimiter=separator)
     try:
-        rows = [(lines.line_num, values) for values in lines][bool(stated) :]
+        rows = [(lines.line_num, values) for values in lines][bool(separator_line) :]
         width = len(_without_end(rows[0][1], 0)) if rows else 0
         return [(line, _without_end(values, width)) for line, values in rows], separator == ";"
     except csv.Error as problem:

@@ -187,13 +187,13 @@ def typed_values(text: str, procedure: Procedure) -> tuple[SixMm | None, Values]
     names = [*(f"slider {k}" for k in range(1, sliders + 1)), *procedure.measured]
     fields = text.split()
     units = "mm, angles in degrees" if set(procedure.measured) & set(ANGLES) else "mm"
-    allowed = f"{len(names)} numbers: {', '.join(names)}, in {units}"
+    requirement = f"{len(names)} numbers: {', '.join(names)}, in {units}"
     faults = [word for word in fields if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]
     if faults:
         hint = "Write decimals with a point, spaces between." if "," in faults[0] else ""
-        raise UsageError("the input", repr(faults[0]), allowed, hint)
+        raise UsageError("the input", repr(faults[0]), requirement, hint)
     if len(fields) != len(names):
-        raise UsageError("the input", f"{len(fields)} numbers", allowed)
+        raise UsageError("the input", f"{len(fields)} numbers", requirement)
     numbers = tuple(float(word) for word in fields)
     return (cast("SixMm", numbers[:CHAINS]) if sliders else None), numbers[sliders:]
 
@@ -329,8 +329,8 @@ class PostureMeaning(Meaning):
         if len(event.values) != count:
             raise self.error(number, f"{len(event.values)} values", f"{count} are measured")
         if procedure.postures and event.posture > len(procedure.postures):
-            allowed = f"1 … {len(procedure.postures)}, as in the procedure"
-            raise self.error(number, f"posture {event.posture}", allowed)
+            requirement = f"1 … {len(procedure.postures)}, as in the procedure"
+            raise self.error(number, f"posture {event.posture}", requirement)
 
 
 POSTURE_FORM = RecordForm(SCHEMA_ID, POSTURE_EVENT, PosturesContinued, PostureMeaning)

@@ -128,8 +128,10 @@ def readings_of_table(
     return PostureTable(tuple(readings), tuple(line_numbers), tuple(remarks))
 
 
-def _fault(place: str, column: str, value: str, allowed: str, next_step: str = "") -> RecordError:
-    return RecordError(f"{place}, column {column}", value, allowed, next_step)
+def _fault(
+    place: str, column: str, value: str, requirement: str, next_step: str = ""
+) -> RecordError:
+    return RecordError(f"{place}, column {column}", value, requirement, next_step)
 
 
 def _check_header(place: str, names: list[str], measured: Sequence[str]) -> None:
@@ -187,5 +189,5 @@ def _check_travel(place: str, values: dict[str, float], machine: HexaSlideMachin
     for name, chain in zip(SLIDERS, machine.chain, strict=True):
         least, greatest = chain.travel_mm or (-LARGEST, LARGEST)
         if not least - 1e-3 <= values[name] <= greatest + 1e-3:
-            allowed = f"{least:g} to {greatest:g} mm, its travel_mm in the machine file"
-            raise _fault(place, name, f"{values[name]:g} mm", allowed)
+            requirement = f"{least:g} to {greatest:g} mm, its travel_mm in the machine file"
+            raise _fault(place, name, f"{values[name]:g} mm", requirement)

@@ -151,8 +151,8 @@ def _order_remarks(earlier: Record, later: Record) -> list[str]:
     verifies = later.opened.verifies
     if verifies is not None and verifies != earlier.path.name:
         remarks.append(f"{later.path.name} was measured to verify {verifies}.")
-    before, after = earlier.opened, later.opened
-    if before.is_dated and after.is_dated and after.measured_at < before.measured_at:
+    first, second = earlier.opened, later.opened
+    if first.is_dated and second.is_dated and second.measured_at < first.measured_at:
         remarks.append(f"{later.path.name} is older than {earlier.path.name}: is the order right?")
     return remarks
 

@@ -147,8 +147,7 @@ def _of(file: SessionFile, opened: Opened) -> SessionFile:
 
 def check_session(path: Path) -> None:
     """Raises RecordError for a record of any form that cannot be read."""
-    form = form_name(path)
-    read_record(path, record_form(form) if form else None)
+    read_record(path, record_form(form_name(path)))
 
 
 def _state_by_ends(path: Path, opened: Opened, last: Sequence[Event]) -> SessionFile:

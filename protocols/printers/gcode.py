@@ -74,10 +74,10 @@ class CodeLine:
             raise self.fault(f"{letter} and a number")
         return numbers[0]
 
-    def fault(self, allowed: str, next_step: str = "", *, of: str = "") -> RecordError:
-        """The error that this line deserves, ``of`` what it means."""
+    def fault(self, requirement: str, next_step: str = "", *, meaning: str = "") -> RecordError:
+        """The error that this line deserves, ``meaning`` added to its text."""
         return RecordError(
-            f"file of a printer {self.source}", f"{self.text!r}{of}", allowed, next_step
+            f"file of a printer {self.source}", f"{self.text!r}{meaning}", requirement, next_step
         )
 
 
@@ -99,8 +99,8 @@ def commands(texts: Texts, *codes: str) -> Iterator[CodeLine]:
             }
             line = CodeLine(path, number, plain, match[1], values)
             if not WORDS.fullmatch(match[2]):
-                allowed = f"{match[1]} with letters and numbers"
-                raise line.fault(allowed, "Write numbers in the place of expressions.")
+                requirement = f"{match[1]} with letters and numbers"
+                raise line.fault(requirement, "Write numbers in the place of expressions.")
             yield line
 
 

@@ -203,7 +203,7 @@ def _refuse_twice(texts: Texts) -> None:
 
 def _check(files: str, contacts: Sequence[Contact], machine: Machine) -> None:
     """Raises RecordError for the first contact that is none of this machine's, with its text."""
-    geometry, allowed = machine.geometry(), "contacts with one plate, of this machine"
+    geometry, requirement = machine.geometry(), "contacts with one plate, of this machine"
     off_mm = np.array([contact.place_mm[2] - contact.height_mm for contact in contacts])
     usual_mm = float(np.median(off_mm)) if len(contacts) else 0.0
     places_mm = np.array([contact.place_mm for contact in contacts]).reshape(-1, 3)
@@ -217,7 +217,7 @@ def _check(files: str, contacts: Sequence[Contact], machine: Machine) -> None:
             raise RecordError(
                 f"{SUBJECT} {files}",
                 f"{contact.text[:LETTERS]}: the tool at ({x:.6g}, {y:.6g}, {z:.6g}) mm, {reason}",
-                allowed,
+                requirement,
                 "Are these contacts of another geometry, or in another unit? Take out a place that "
                 "failed.",
             )

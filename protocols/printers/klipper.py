@@ -115,8 +115,8 @@ class Config:
             resolved = target.resolve()
             self.included += 1
             if resolved in inside or self.included > MOST_INCLUDES:
-                allowed = f"no file inside itself, {MOST_INCLUDES} files together"
-                raise RecordError(f"{SUBJECT} {path}", f"[include {name}]", allowed)
+                requirement = f"no file inside itself, {MOST_INCLUDES} files together"
+                raise RecordError(f"{SUBJECT} {path}", f"[include {name}]", requirement)
             self._add(target, read_printed(target, SUBJECT, MOST_EDITED_BYTES), [*inside, resolved])
 
     def _parse(self, path: Path, text: str) -> None:
@@ -154,11 +154,11 @@ class Config:
         return value
 
     def fault(
-        self, section: str, key: str, value: str, allowed: str, next_step: str = ""
+        self, section: str, key: str, value: str, requirement: str, next_step: str = ""
     ) -> RecordError:
         """The error that the value of a key deserves."""
         subject = f"{SUBJECT} {self.path}, [{section}] {key}"
-        return RecordError(subject, value, allowed, next_step)
+        return RecordError(subject, value, requirement, next_step)
 
     def text(self, section: str, key: str) -> str | None:
         """What stands there; None: nothing."""
@@ -194,9 +194,9 @@ def _content_of_config(config: Config) -> FileContent:
     """What a ``printer.cfg`` holds. Raises RecordError for a machine without upright towers."""
     kinematics = config.text("printer", "kinematics") or "nothing"
     if kinematics != UPRIGHT_TOWERS:
-        allowed = f"{UPRIGHT_TOWERS}: three upright towers"
+        requirement = f"{UPRIGHT_TOWERS}: three upright towers"
         next_step = "Other printers are not calibrated here."
-        raise config.fault("printer", "kinematics", kinematics, allowed, next_step)
+        raise config.fault("printer", "kinematics", kinematics, requirement, next_step)
     saved = SavedPlaces(config, *_printer(config))
     contacts, distances = saved.measured()
     x_offset, y_offset, _ = _probe_offset_mm(config)
@@ -274,17 +274,17 @@ class SavedPlaces:
 
     def measured(self) -> tuple[tuple[Contact, ...], tuple[MeasuredDistance, ...]]:
         """Contacts and distances; what is not used goes to the oddities of the configuration."""
-        used = set(SETTING_KEYS)
+        keys_of_places = set(SETTING_KEYS)
         contacts, distances = [], []
         for name in ("height", "manual_height"):
             for key in self._numbered(name, ("_pos",)):
-                used |= {key, f"{key}_pos"}
+                keys_of_places |= {key, f"{key}_pos"}
                 contacts.append(self._contact(key))
         for key in self._numbered("distance", ("_pos1", "_pos2")):
-            used |= {key, f"{key}_pos1", f"{key}_pos2"}
+            keys_of_places |= {key, f"{key}_pos1", f"{key}_pos2"}
             distances.append(self._distance(key))
         for key in self.config.keys(CALIBRATION):
-            if key not in used:
+            if key not in keys_of_places:
                 match = OF_CALIBRATION.match(key)
                 reason = "a number before it is missing" if match else "not known"
                 self.config.oddities.append(f"[{CALIBRATION}] {key}: {reason}")
@@ -301,8 +301,8 @@ class SavedPlaces:
                 break
             for end in endings:
                 if key + end not in keys:
-                    allowed = f"three numbers of steps beside {key}"
-                    raise self.config.fault(CALIBRATION, key + end, "nothing", allowed)
+                    requirement = f"three numbers of steps beside {key}"
+                    raise self.config.fault(CALIBRATION, key + end, "nothing", requirement)
             yield key
 
     def _contact(self, key: str) -> Contact:
@@ -335,8 +335,8 @@ class SavedPlaces:
         except ValueError:
             steps = np.array([math.nan])
         if steps.shape != (3,) or not np.isfinite(steps).all():
-            allowed = "three numbers of steps, of a, b and c"
-            raise self.config.fault(CALIBRATION, key, repr(text), allowed)
+            requirement = "three numbers of steps, of a, b and c"
+            raise self.config.fault(CALIBRATION, key, repr(text), requirement)
         try:
             place = self.printer.tool_mm(self.printer.switches_mm - steps * np.array(self.step_mm))
         except UnreachablePosture as problem:

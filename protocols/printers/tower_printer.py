@@ -146,8 +146,8 @@ class TowerPrinter:
     def reach_mm(self) -> float:
         """The radius that is printed on: as stated, but no more than towers and bars allow."""
         radius = max(self.radius_mm)
-        allowed = min(radius, min(self.length_mm) - radius)
-        return min(self.printable_mm or allowed, allowed)
+        most_mm = min(radius, min(self.length_mm) - radius)
+        return min(self.printable_mm or most_mm, most_mm)
 
     @property
     def joints(self) -> tuple[Literal["x"], Literal["y"], Literal["z"]] | None:

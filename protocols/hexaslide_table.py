@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import zip_longest
 from math import degrees
 from pathlib import Path
@@ -58,19 +57,13 @@ def empty_table(planned: PostureCommands) -> str:
     return csv_text(rows)
 
 
-@dataclass(frozen=True)
-class PostureTable:
-    """Readings of a table in millimetres and degrees, the line of each, and what was not used."""
-
-    readings: tuple[PostureReading, ...]
-    lines: tuple[int, ...]
-    unused: tuple[str, ...]
-
-
 def readings_of_table(
     path: Path, machine: HexaSlideMachine, procedure: PostureProcedure
-) -> PostureTable:
-    """A row without any value is left out. Raises RecordError with the line and the column."""
+) -> tuple[dict[int, PostureReading], tuple[str, ...]]:
+    """Readings of a table by its lines, in millimetres and degrees, and what was not used.
+
+    A row without any value is left out. Raises RecordError with the line and the column.
+    """
     lines, semicolons = lines_of(path, MOST_POSTURES + 2)
     rows = [(line, [cell.strip() for cell in row]) for line, row in lines if any(row)]
     rows = [(line, row) for line, row in rows if not row[0].startswith("#")]
@@ -84,8 +77,7 @@ def readings_of_table(
     (header_line, header), (unit_line, units), *postures = rows
     _check_header(f"table {path}, line {header_line}", header, measured)
     factors = _factors(f"table {path}, line {unit_line}", header, units)
-    readings: list[PostureReading] = []
-    line_numbers: list[int] = []
+    readings: dict[int, PostureReading] = {}
     for line, row in postures:
         place = f"table {path}, line {line}"
         if len(row) > len(header):
@@ -98,15 +90,12 @@ def readings_of_table(
             for name, factor in factors.items()
         }
         _check_travel(place, values, machine)
-        line_numbers.append(line)
-        readings.append(
-            PostureReading(
-                reading=len(readings) + 1,
-                posture=_posture(place, cells.get("posture", ""), len(readings) + 1),
-                sliders_mm=cast("SixMm", tuple(values[name] for name in SLIDERS)),
-                values=tuple(values[name] for name in measured),
-                text=",".join(row)[:1000],
-            )
+        readings[line] = PostureReading(
+            reading=len(readings) + 1,
+            posture=_posture(place, cells.get("posture", ""), len(readings) + 1),
+            sliders_mm=cast("SixMm", tuple(values[name] for name in SLIDERS)),
+            values=tuple(values[name] for name in measured),
+            text=",".join(row)[:1000],
         )
     if not readings:
         raise RecordError(f"table {path}", "no row with values", "a posture at least")
@@ -117,7 +106,7 @@ def readings_of_table(
     first_lines: dict[tuple[SixMm, Values], int] = {}
     copies = [
         f"{line}"
-        for line, reading in zip(line_numbers, readings, strict=True)
+        for line, reading in readings.items()
         if first_lines.setdefault((reading.sliders_mm, reading.values), line) != line
     ]
     if copies:
@@ -125,7 +114,7 @@ def readings_of_table(
             f"lines with all numbers of an earlier one: {', '.join(copies[:MOST_NAMED])}"
             f"{' …' if len(copies) > MOST_NAMED else ''}; each is used as a reading of its own"
         )
-    return PostureTable(tuple(readings), tuple(line_numbers), tuple(remarks))
+    return readings, tuple(remarks)
 
 
 def _fault(

@@ -19,10 +19,10 @@ import numpy as np
 from calib.errors import RecordError, UnreachablePosture
 from calib.tripod import UPRIGHT_TOWERS
 from calib.tripod.geometry import USUAL_ANGLES_DEG
-from protocols.distance_table import MeasuredDistance
 from protocols.documents import MOST_EDITED_BYTES, Triple, triple
 from protocols.printers.gcode import NUMBER_END, Texts, read_printed
 from protocols.printers.tower_printer import OFF_PLATE_MM, Contact, FileContent, Pair, TowerPrinter
+from protocols.table import MeasuredDistance
 
 SAVED = "#*#"
 SAVED_HEADER = "#*# <---------------------- SAVE_CONFIG ---------------------->"

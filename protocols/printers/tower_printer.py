@@ -15,10 +15,10 @@ from pydantic import ValidationError
 from calib.arrays import FloatArray
 from calib.errors import RecordError
 from calib.tripod.geometry import FURTHEST_DEG, USUAL_ANGLES_DEG, trilaterate
-from protocols.distance_table import MeasuredDistance
 from protocols.documents import Triple, describe, triple
 from protocols.machine import Drive, Machine
 from protocols.procedure import USUAL_PRINTABLE_MM
+from protocols.table import MeasuredDistance
 
 OFF_PLATE_MM = 5.0
 """So far the tool may be above or below its plate in a contact: a machine that is off by more was

@@ -233,10 +233,8 @@ class SimulatedPostures:
         true = None if truth is None else truth.whole()
         self._machine = SimulatedHexaSlide(procedure, machine.whole(), tolerances, seed, true)
         self._planned = planned
-        procedure_of_links = planned.procedure
-        self._noise = np.array(
-            [procedure_of_links.noise_mm / 1000.0, np.radians(procedure_of_links.noise_deg)]
-        )
+        noise_mm, noise_deg = planned.procedure.noise_mm, planned.procedure.noise_deg
+        self._noise = np.array([noise_mm / 1000.0, np.radians(noise_deg)])
 
     @property
     def truth(self) -> HexaSlide:
@@ -385,9 +383,7 @@ class PostureSession:
             machine=opened.machine,
             postures=tuple(
                 MeasuredPosture(
-                    sliders=cast(
-                        "SixMm", tuple(slider_mm / 1000.0 for slider_mm in reading.sliders_mm)
-                    ),
+                    sliders=cast("SixMm", tuple(mm / 1000.0 for mm in reading.sliders_mm)),
                     values=tuple(
                         unit * value for unit, value in zip(units, reading.values, strict=True)
                     ),
@@ -402,16 +398,17 @@ def fold_postures(events: Iterable[object]) -> PostureSession:
     recorded = cast("Sequence[PostureEvent]", tuple(events))
     opened = recorded[0]
     assert isinstance(opened, PosturesOpened)
+    readings = tuple(event for event in recorded if isinstance(event, PostureReading))
     superseded: dict[int, str] = {}
     skipped: dict[int, str] = {}
     for event in recorded:
-        if isinstance(event, Superseded):
-            superseded |= dict.fromkeys(event.readings, event.reason)
-        elif isinstance(event, Skipped):
-            skipped |= dict.fromkeys(event.steps, event.reason)
-        elif isinstance(event, PostureReading):
-            skipped.pop(event.posture, None)
-    readings = tuple(event for event in recorded if isinstance(event, PostureReading))
+        match event:
+            case Superseded():
+                superseded |= dict.fromkeys(event.readings, event.reason)
+            case Skipped():
+                skipped |= dict.fromkeys(event.steps, event.reason)
+            case PostureReading():
+                skipped.pop(event.posture, None)
     return PostureSession(
         opened,
         tuple(reading for reading in readings if reading.reading not in superseded),

@@ -98,10 +98,7 @@ def _as_commanded(
     nominal machine's reading changes over that is taken away. The true machine's changes by some
     hundredth more or less, which no indicator shows.
     """
-    departure = np.zeros((len(readings), 3))
-    for row, reading in enumerate(readings):
-        if reading.moved is not None:
-            departure[row] = departure_mm(reading.moved, geometry)
+    departure = np.array([departure_mm(r.moved, geometry) if r.moved else ZERO for r in readings])
     if not departure.any():
         return commanded
     displaced = replace(commanded, position_mm=commanded.position_mm + departure)

@@ -238,41 +238,39 @@ class Procedure(Document):
             yield Step(0, "tool", 0.0, self.cycles, 0.0, (plate.axis,), ZERO)
 
     def _of_legs(self, geometry: Geometry, axes: Sequence[str]) -> Iterator[Step]:
-        for station in self.stations:
-            for leg in self.legs:
-                for step_axes in axes_on_leg(leg, axes):
-                    for cycle in range(1, self.cycles + 1):
-                        seed = f"{leg}/{station}/{cycle}"
-                        for displacement in self._cycle(geometry, self.levels, seed):
-                            yield Step(0, leg, displacement, cycle, station, step_axes)
-                    if self.return_to_zero:
-                        yield Step(0, leg, 0.0, self.cycles, station, step_axes)
+        for station, leg in product(self.stations, self.legs):
+            for step_axes in axes_on_leg(leg, axes):
+                for cycle, at in self._visits(geometry, self.levels, f"{leg}/{station}"):
+                    yield Step(0, leg, at, cycle, station, step_axes)
 
     def _over_plane(self, plane: Plane, geometry: Geometry, axes: Sequence[str]) -> Iterator[Step]:
         for axis, leg in product(plane.axes, self.legs):
             if leg == axis:
                 continue
             first = self._reading_along(axis, axes)
-            for cycle in range(1, self.cycles + 1):
-                for at in self._cycle(geometry, plane.levels, f"{leg}/over {axis}/{cycle}"):
-                    for station in plane.stations:
-                        yield Step(0, leg, at, cycle, station, (axis,), None, True, first)
-            if self.return_to_zero:
+            for cycle, at in self._visits(geometry, plane.levels, f"{leg}/over {axis}"):
                 for station in plane.stations:
-                    yield Step(0, leg, 0.0, self.cycles, station, (axis,), None, True, first)
+                    yield Step(0, leg, at, cycle, station, (axis,), None, True, first)
 
-    def _cycle(self, geometry: Geometry, cycle_levels: Sequence[Level], seed: str) -> list[float]:
-        """Displacements of one cycle: Zero first where it is checked, shuffled where asked for."""
-        levels = [_displacement(level, geometry) for level in cycle_levels]
-        if self.random_seed is not None:
-            zeros = [level for level in levels if level == 0.0]
-            nonzero = [level for level in levels if level != 0.0]
-            # seeded by text: the same order in every version of Python, for both axes of a leg
-            random.Random(f"{self.random_seed}/{seed}").shuffle(nonzero)
-            levels = zeros + nonzero
-        if self.return_to_zero and levels[0] != 0.0:
-            levels.insert(0, 0.0)
-        return levels
+    def _visits(
+        self, geometry: Geometry, visited_levels: Sequence[Level], seed: str
+    ) -> Iterator[tuple[int, float]]:
+        """Cycle and displacement of each posture of a set-up, in their order.
+
+        Zero first in a cycle where it is checked, shuffled where asked for, Zero at the end.
+        """
+        for cycle in range(1, self.cycles + 1):
+            levels = [_displacement(level, geometry) for level in visited_levels]
+            if self.random_seed is not None:
+                nonzero = [level for level in levels if level != 0.0]
+                # seeded by text: the same order in every version of Python, for both axes of a leg
+                random.Random(f"{self.random_seed}/{seed}/{cycle}").shuffle(nonzero)
+                levels = [level for level in levels if level == 0.0] + nonzero
+            if self.return_to_zero and levels[0] != 0.0:
+                levels.insert(0, 0.0)
+            yield from ((cycle, level) for level in levels)
+        if self.return_to_zero:
+            yield self.cycles, 0.0
 
     def check_limits(self, geometry: Geometry, path: Path | None = None) -> None:
         """Raises RecordError for the first level, or position, outside the joint limits.

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal, cast, get_args
 
@@ -23,7 +22,6 @@ from calib.hexaslide.residuals import Readings
 from calib.hexaslide.simulation import SimulatedHexaSlide, on_link
 from protocols.data_table import NUMBER
 from protocols.documents import Celsius, Count, Document, Name, Seed, Words, read_toml
-from protocols.files import RECORD_START
 from protocols.hexaslide import (
     MOST_POSTURES,
     SCHEMA,
@@ -37,7 +35,6 @@ from protocols.hexaslide import (
     NoiseFigure,
     load_postures,
     machine_like,
-    read_measurements,
     unit_question,
 )
 from protocols.machine_files import beginning_of
@@ -425,28 +422,3 @@ def read_postures(path: Path) -> tuple[PostureSession, Record]:
         raise RecordError(f"session {path}", "a file of measurements", "a session")
     record = read_record(path, POSTURE_FORM)
     return replace(fold_postures(record.events), name=path.name), record
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredFile:
-    """Measured postures by the ``name`` of their file: ``warnings`` tell that its record was cut or
-    is not closed, ``began`` when it was measured, None where no date is known.
-    """
-
-    name: str
-    source: HexaSlideMeasurements
-    warnings: tuple[str, ...] = ()
-    began: datetime | None = None
-
-
-def measured_in(path: Path) -> MeasuredFile:
-    """Measured postures of a session, or of a file in metres and radians that older programs and
-    ``simulate`` write. Raises RecordError.
-    """
-    if not beginning_of(path).startswith(RECORD_START):
-        return MeasuredFile(path.name, read_measurements(path))
-    session, record = read_postures(path)
-    opened = session.opened
-    began = opened.measured_at if opened.is_dated else None
-    warnings = (record.unfinished,) if record.unfinished else ()
-    return MeasuredFile(path.name, session.measurements(), warnings, began)

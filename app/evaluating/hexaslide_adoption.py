@@ -30,8 +30,8 @@ from protocols.effect_entries import (
 )
 from protocols.files import write_files
 from protocols.hexaslide import HexaSlideMeasurements, machine_like
+from protocols.hexaslide_measured import measured_in
 from protocols.hexaslide_model import HexaSlideModel, read_hexaslide_model
-from protocols.hexaslide_session import measured_in
 
 MOST_OFFERED = 8
 

@@ -34,8 +34,8 @@ from calib.hexaslide.residuals import Readings, postures_of
 from calib.identify.accuracy import Decision, decide
 from calib.stats import UNLIKELY
 from protocols.hexaslide import HexaSlideMeasurements, read_truth
+from protocols.hexaslide_measured import MeasuredFile, measured_in
 from protocols.hexaslide_model import HexaSlideModel, read_hexaslide_model
-from protocols.hexaslide_session import MeasuredFile, measured_in
 
 SHARE = 0.2
 """Of the postures, kept out as a check."""

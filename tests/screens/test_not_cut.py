@@ -68,7 +68,7 @@ from app.screens.session_view import (
     SetUpScreen,
 )
 from app.screens.what_if import SizesScreen, WhatIfScreen
-from protocols.hexaslide_session import measured_in
+from protocols.hexaslide_measured import measured_in
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 from protocols.record import read_record

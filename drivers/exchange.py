@@ -231,15 +231,15 @@ class Exchange:
         content = port.read(BULK) if self._fault else b""
         while not content[FLOOD:] and (waiting := port.in_waiting):
             content += port.read(waiting if len(content) < LONGEST_LINE else BULK)
+        if self.profile.request is None and len(content) <= FLOOD:
+            self._fault = None
         if not content and not self._received:
-            self._leave_flood()
             return
         if len(content) > FLOOD:
             self._received, self._begun_before = b"", True
             message = "the device sends without end: wrong device on this port, or wrong speed?"
             self._doubt(Fault(FaultKind.SENDS_UNASKED, "", message), APART_S)
             return
-        self._leave_flood()
         *lines, remainder = (self._received + content).replace(b"\n", b"\r").split(b"\r")
         self._received = remainder.lstrip(b"\x00")
         if self.profile.request is None:
@@ -253,10 +253,6 @@ class Exchange:
         unasked = [outcome for outcome in outcomes if outcome is not None]
         if unasked:
             self._judge_unasked(unasked)
-
-    def _leave_flood(self) -> None:
-        if self.profile.request is None:
-            self._fault = None
 
     def _judge_unasked(self, unasked: list[Outcome]) -> None:
         """Late answers, a press of the button, or a device that sends by itself."""

@@ -25,28 +25,25 @@ class Twin(Protocol):
 
 
 class LineTrouble(StrEnum):
-    """Faults that any device may show, besides those of its own profile."""
+    """Faults that any device may show, besides those of its own profile, each explained."""
 
-    SILENCE = "silence"
-    SPLIT = "split"
-    NOISE = "noise"
-    ECHO = "echo"
-    DROP_OUTS = "drop-outs"
-    SLOW = "slow"
-    DISCONNECT = "disconnect"
-    PARITY = "parity"
+    explanation: str
 
+    def __new__(cls, name: str, explanation: str) -> Self:
+        """The name, with the explanation beside it."""
+        trouble = str.__new__(cls, name)
+        trouble._value_, trouble.explanation = name, explanation
+        return trouble
 
-WORDS = {
-    LineTrouble.SILENCE: "no answer at all: switched off, or the cable is out",
-    LineTrouble.SPLIT: "half an answer, without its end",
-    LineTrouble.NOISE: "wrong bytes before each answer",
-    LineTrouble.ECHO: "each request comes back before its answer",
-    LineTrouble.DROP_OUTS: "every third answer is missing",
-    LineTrouble.SLOW: "each answer comes 0.4 s late",
-    LineTrouble.DISCONNECT: "the port is gone at the first request",
-    LineTrouble.PARITY: "seven data bits with even parity, to a reader of eight",
-}
+    SILENCE = "silence", "no answer at all: switched off, or the cable is out"
+    SPLIT = "split", "half an answer, without its end"
+    NOISE = "noise", "wrong bytes before each answer"
+    ECHO = "echo", "each request comes back before its answer"
+    DROP_OUTS = "drop-outs", "every third answer is missing"
+    SLOW = "slow", "each answer comes 0.4 s late"
+    DISCONNECT = "disconnect", "the port is gone at the first request"
+    PARITY = "parity", "seven data bits with even parity, to a reader of eight"
+
 
 SLOW_S = 0.4
 NOISE = b"\xff\x80"
@@ -120,7 +117,7 @@ def faults_of(profile: Profile) -> dict[str, str]:
         name: f"answers {bad.reply.decode('latin-1').strip()}, {bad.kind}"
         for name, bad in profile.bad_replies.items()
     }
-    return {**{trouble.value: description for trouble, description in WORDS.items()}, **bad_replies}
+    return {**{trouble.value: trouble.explanation for trouble in LineTrouble}, **bad_replies}
 
 
 Transport = Literal["pty", "tcp"]

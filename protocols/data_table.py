@@ -39,6 +39,10 @@ MOST_LETTERS = 32_767
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 COMMA = re.compile(r"[+-]?\d*,\d+", re.ASCII)
 WORKBOOK, PARQUET = ".xlsx", ".parquet"
+SEPARATORS = ",;"
+SEPARATOR_LINE = re.compile(r'"?sep=([^\n])"?[;,\t ]*(?:\n|$)', re.IGNORECASE)
+"""The first line by which Excel tells itself what stands between the cells."""
+
 FORMULA = re.compile(r"""["'\s]*[=+\-@]""")
 """A spreadsheet computes a cell that begins so, quotes left out."""
 
@@ -217,15 +221,21 @@ def lines_of(path: Path, most_rows: int) -> tuple[Texts, bool]:
     if path.suffix.lower() == PARQUET:
         return parquet_rows(path, most_rows - 1), False
     text = read_text(path, "table")
+    separator_line = SEPARATOR_LINE.match(text)
+    if separator_line and separator_line[1] not in SEPARATORS:
+        requirement = "sep=; or sep=, as spreadsheets write it"
+        raise RecordError(
+            f"table {path}, line 1", repr(separator_line[0].rstrip("\n")), requirement
+        )
     header = next((line for line in text.splitlines() if not line.startswith("#")), "")
-    semicolons = ";" in header and "," not in header
-    lines = csv.reader(
-        StringIO(text, newline=""), strict=True, delimiter=";" if semicolons else ","
+    separator = (
+        separator_line[1] if separator_line else SEPARATORS[";" in header and "," not in header]
     )
+    lines = csv.reader(StringIO(text, newline=""), strict=True, delimiter=separator)
     try:
-        rows = [(lines.line_num, values) for values in lines]
+        rows = [(lines.line_num, values) for values in lines][bool(separator_line) :]
         width = len(_without_end(rows[0][1], 0)) if rows else 0
-        return [(line, _without_end(values, width)) for line, values in rows], semicolons
+        return [(line, _without_end(values, width)) for line, values in rows], separator == ";"
     except csv.Error as problem:
         raise RecordError(
             f"table {path}, line {lines.line_num}", str(problem), "comma separated values"

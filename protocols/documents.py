@@ -35,8 +35,11 @@ Triple = tuple[LengthMm, LengthMm, LengthMm]
 ZERO: Triple = (0.0, 0.0, 0.0)
 
 
-def triple(values: Iterable[float]) -> Triple:
-    """Three numbers, of drives x, y, z or of a place, as documents have them."""
+T = TypeVar("T")
+
+
+def triple(values: Iterable[T]) -> tuple[T, T, T]:
+    """Three values, of drives x, y, z or of a place, as documents have them."""
     x, y, z = values
     return x, y, z
 
@@ -174,13 +177,13 @@ def read_json(
         ) from problem
 
 
-def refuse_empty(document: Document, thing: str, allowed: str, next_step: str) -> None:
+def refuse_empty(document: Document, subject: str, requirement: str, next_step: str) -> None:
     """Raises RecordError for a file that states nothing, or nothing but its schema.
 
     A forgotten or cut file would pass for the machine of the papers.
     """
     if not document.model_fields_set - {"schema_id"}:
-        raise RecordError(thing, "no key but schema", allowed, next_step)
+        raise RecordError(subject, "no key but schema", requirement, next_step)
 
 
 def read_remembered(path: Path, kind: type[D], subject: str) -> D:
@@ -299,8 +302,8 @@ def fault_words(fault: ErrorDetails) -> str:
     if fault["type"] == "value_error":
         return str(context["error"])
     values = {key: f"{v:g}" if isinstance(v, float) else f"{v}" for key, v in context.items()}
-    allowed = ALLOWED.get(fault["type"])
-    return fault["msg"][:120] if allowed is None else allowed.format(**values)
+    sentence = ALLOWED.get(fault["type"])
+    return fault["msg"][:120] if sentence is None else sentence.format(**values)
 
 
 STRING = r'"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\''

@@ -34,12 +34,12 @@ HIDDEN = 0.2
 class ExpectedReading:
     """What one indicator should show in a step: mean and standard deviation, mm.
 
-    Further off than ``limit_mm`` is questioned. ``before`` is the last reading of the mounting.
+    Further off than ``limit_mm`` is questioned. ``previous`` is the last reading of the mounting.
     ``play_free`` are mean and standard deviation of a machine without play: a change that only play
     would bring need not come. Nor need any where the machine was ``calibrated``.
     """
 
-    before: Reading
+    previous: Reading
     mean_mm: float
     deviation_mm: float
     limit_mm: float
@@ -54,7 +54,7 @@ class ExpectedReading:
         """How probable a reading within so much of the one before is."""
         if self.calibrated:
             return 1.0
-        ends = (self.before.value_mm - rest_mm, self.before.value_mm + rest_mm)
+        ends = (self.previous.value_mm - rest_mm, self.previous.value_mm + rest_mm)
         mean_mm, deviation_mm = self.play_free
         low, high = ((e - mean_mm) / (deviation_mm * math.sqrt(2.0)) for e in ends)
         return 0.5 * (math.erf(high) - math.erf(low))
@@ -99,7 +99,7 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[ExpectedReadi
     calibrated = session.opened.verifies is not None or any(machine.entered_offsets_mm)
     return tuple(
         ExpectedReading(
-            before=last[mount],
+            previous=last[mount],
             mean_mm=float(mean),
             deviation_mm=float(deviation),
             limit_mm=max(limit_mm, REACH * float(deviation)),
@@ -248,7 +248,7 @@ def movement(
     """
     if not expectations:
         return Movement.UNKNOWN
-    earlier = expectations[0].before
+    earlier = expectations[0].previous
     if (earlier.posture_mm, earlier.station) == (step.posture_mm, step.station):
         return Movement.CONFIRMED
     drift_mm = DRIFT_MM_S * max(0.0, time_s - (earlier.time_s or 0.0))
@@ -257,7 +257,8 @@ def movement(
         reading.chance_within(band) for reading, band in zip(expectations, bands, strict=True)
     )
     changes = (
-        abs(v - reading.before.value_mm) for v, reading in zip(values_mm, expectations, strict=True)
+        abs(v - reading.previous.value_mm)
+        for v, reading in zip(values_mm, expectations, strict=True)
     )
     if any(change > band for change, band in zip(changes, bands, strict=True)):
         return Movement.CONFIRMED if hidden < 0.5 else Movement.UNKNOWN

@@ -12,6 +12,7 @@ import json
 import math
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from io import StringIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -364,6 +365,21 @@ def _from_table(path: Path) -> tuple[Posture, ...]:
 
 def _refused(path: Path, value: str = "", *, reason: str = "") -> RecordError:
     return RecordError(f"posture file {path}", value, POSTURES_WITH_COLUMNS, reason=reason)
+
+
+def unit_question(postures: FloatArray, box: Box) -> str:
+    """What to ask of postures ``(p, 6)`` outside a box that would be inside in another unit.
+
+    Metres and radians; empty where no unit explains it.
+    """
+    for factor, size_words in ((1000.0, "1000 times as large"), (1e-3, "a thousandth as large")):
+        with suppress(CalibrationError):
+            box.inside(postures * np.repeat([factor, 1.0], 3))
+            return (
+                f"All would be inside with lengths {size_words}: are they in the unit of the file? "
+                "A procedure file has millimetres, a posture file metres (x_m)."
+            )
+    return ""
 
 
 MeasurementsSchema = Literal["glidecal.hexaslide-measurements/1"]

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from protocols.dates import is_dated, measured_at
 from protocols.files import RECORD_START
 from protocols.hexaslide import HexaSlideMeasurements, read_measurements
 from protocols.machine_files import beginning_of
@@ -34,6 +33,7 @@ def measured_in(path: Path) -> MeasuredFile:
     from protocols.hexaslide_session import read_postures
 
     session, record = read_postures(path)
-    began = measured_at(session.opened) if is_dated(session.opened) else None
+    opened = session.opened
+    began = opened.measured_at if opened.is_dated else None
     warnings = (record.unfinished,) if record.unfinished else ()
     return MeasuredFile(path.name, session.measurements(), warnings, began)

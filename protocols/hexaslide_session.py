@@ -35,10 +35,11 @@ from protocols.hexaslide import (
     NoiseFigure,
     load_postures,
     machine_like,
+    unit_question,
 )
 from protocols.machine_files import beginning_of
 from protocols.record import Meaning, Record, RecordForm, read_record
-from protocols.session import Beginning, Closed, Line, Noted, Skipped, Superseded
+from protocols.session import Beginning, Closed, Continuation, Line, Noted, Skipped, Superseded
 
 SessionSchema = Literal[
     "glidecal.hexaslide-session/1",
@@ -156,7 +157,8 @@ def commands(machine: HexaSlideMachine, procedure: PostureProcedure) -> PostureC
             f"procedure {procedure.name}, {problem.thing}",
             problem.found,
             problem.allowed,
-            "Give postures of this machine with --posture-file: glidecal postures finds them.",
+            unit_question(postures, hexaslide.box)
+            or "Give postures of this machine with --posture-file: glidecal postures finds them.",
         ) from problem
     return PostureCommands(procedure.with_postures(postures), 1000.0 * sliders)
 
@@ -182,13 +184,13 @@ def typed_values(text: str, procedure: Procedure) -> tuple[SixMm | None, Values]
     names = [*(f"slider {k}" for k in range(1, sliders + 1)), *procedure.measured]
     fields = text.split()
     units = "mm, angles in degrees" if set(procedure.measured) & set(ANGLES) else "mm"
-    allowed = f"{len(names)} numbers: {', '.join(names)}, in {units}"
+    requirement = f"{len(names)} numbers: {', '.join(names)}, in {units}"
     faults = [word for word in fields if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]
     if faults:
         hint = "Write decimals with a point, spaces between." if "," in faults[0] else ""
-        raise UsageError("the input", repr(faults[0]), allowed, hint)
+        raise UsageError("the input", repr(faults[0]), requirement, hint)
     if len(fields) != len(names):
-        raise UsageError("the input", f"{len(fields)} numbers", allowed)
+        raise UsageError("the input", f"{len(fields)} numbers", requirement)
     numbers = tuple(float(word) for word in fields)
     return (cast("SixMm", numbers[:CHAINS]) if sliders else None), numbers[sliders:]
 
@@ -228,10 +230,8 @@ class SimulatedPostures:
         true = None if truth is None else truth.whole()
         self._machine = SimulatedHexaSlide(procedure, machine.whole(), tolerances, seed, true)
         self._planned = planned
-        procedure_of_links = planned.procedure
-        self._noise = np.array(
-            [procedure_of_links.noise_mm / 1000.0, np.radians(procedure_of_links.noise_deg)]
-        )
+        noise_mm, noise_deg = planned.procedure.noise_mm, planned.procedure.noise_deg
+        self._noise = np.array([noise_mm / 1000.0, np.radians(noise_deg)])
 
     @property
     def truth(self) -> HexaSlide:
@@ -285,14 +285,10 @@ class PostureReading(Line):
     text: str
 
 
-class PosturesContinued(Line):
+class PosturesContinued(Continuation):
     """The session goes on after an interruption; bytes of a torn last line were set aside."""
 
-    event: Literal["continued"] = "continued"
     schema_id: SessionSchema = Field(alias="schema", default=SCHEMA_ID)
-    program: Name
-    torn_bytes: int = 0
-    paused_s: float | None = None
 
 
 PostureEvent = Annotated[
@@ -328,8 +324,8 @@ class PostureMeaning(Meaning):
         if len(event.values) != count:
             raise self.error(number, f"{len(event.values)} values", f"{count} are measured")
         if procedure.postures and event.posture > len(procedure.postures):
-            allowed = f"1 … {len(procedure.postures)}, as in the procedure"
-            raise self.error(number, f"posture {event.posture}", allowed)
+            requirement = f"1 … {len(procedure.postures)}, as in the procedure"
+            raise self.error(number, f"posture {event.posture}", requirement)
 
 
 POSTURE_FORM = RecordForm(SCHEMA_ID, POSTURE_EVENT, PosturesContinued, PostureMeaning)
@@ -384,9 +380,7 @@ class PostureSession:
             machine=opened.machine,
             postures=tuple(
                 MeasuredPosture(
-                    sliders=cast(
-                        "SixMm", tuple(slider_mm / 1000.0 for slider_mm in reading.sliders_mm)
-                    ),
+                    sliders=cast("SixMm", tuple(mm / 1000.0 for mm in reading.sliders_mm)),
                     values=tuple(
                         unit * value for unit, value in zip(units, reading.values, strict=True)
                     ),
@@ -401,16 +395,17 @@ def fold_postures(events: Iterable[object]) -> PostureSession:
     recorded = cast("Sequence[PostureEvent]", tuple(events))
     opened = recorded[0]
     assert isinstance(opened, PosturesOpened)
+    readings = tuple(event for event in recorded if isinstance(event, PostureReading))
     superseded: dict[int, str] = {}
     skipped: dict[int, str] = {}
     for event in recorded:
-        if isinstance(event, Superseded):
-            superseded |= dict.fromkeys(event.readings, event.reason)
-        elif isinstance(event, Skipped):
-            skipped |= dict.fromkeys(event.steps, event.reason)
-        elif isinstance(event, PostureReading):
-            skipped.pop(event.posture, None)
-    readings = tuple(event for event in recorded if isinstance(event, PostureReading))
+        match event:
+            case Superseded():
+                superseded |= dict.fromkeys(event.readings, event.reason)
+            case Skipped():
+                skipped |= dict.fromkeys(event.steps, event.reason)
+            case PostureReading():
+                skipped.pop(event.posture, None)
     return PostureSession(
         opened,
         tuple(reading for reading in readings if reading.reading not in superseded),

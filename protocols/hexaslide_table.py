@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from itertools import zip_longest
 from math import degrees
 from pathlib import Path
 from typing import cast
@@ -57,19 +57,13 @@ def empty_table(planned: PostureCommands) -> str:
     return csv_text(rows)
 
 
-@dataclass(frozen=True)
-class PostureTable:
-    """Readings of a table in millimetres and degrees, the line of each, and what was not used."""
-
-    readings: tuple[PostureReading, ...]
-    lines: tuple[int, ...]
-    unused: tuple[str, ...]
-
-
 def readings_of_table(
     path: Path, machine: HexaSlideMachine, procedure: PostureProcedure
-) -> PostureTable:
-    """A row without any value is left out. Raises RecordError with the line and the column."""
+) -> tuple[dict[int, PostureReading], tuple[str, ...]]:
+    """Readings of a table by its lines, in millimetres and degrees, and what was not used.
+
+    A row without any value is left out. Raises RecordError with the line and the column.
+    """
     lines, semicolons = lines_of(path, MOST_POSTURES + 2)
     rows = [(line, [cell.strip() for cell in row]) for line, row in lines if any(row)]
     rows = [(line, row) for line, row in rows if not row[0].startswith("#")]
@@ -80,45 +74,39 @@ def readings_of_table(
     if len(rows) - 2 > MOST_POSTURES:
         raise RecordError(f"table {path}", f"{len(rows) - 2} postures", f"{MOST_POSTURES} at most")
     measured = procedure.whole().measured
-    header = _header(path, *rows[0], measured)
-    factors = _factors(path, *rows[1], header)
-    readings: list[PostureReading] = []
-    line_numbers: list[int] = []
-    empty = 0
-    for line, row in rows[2:]:
+    (header_line, header), (unit_line, units), *postures = rows
+    _check_header(f"table {path}, line {header_line}", header, measured)
+    factors = _factors(f"table {path}, line {unit_line}", header, units)
+    readings: dict[int, PostureReading] = {}
+    for line, row in postures:
+        place = f"table {path}, line {line}"
         if len(row) > len(header):
-            count_words = f"{len(row)} cells"
-            raise RecordError(
-                f"table {path}, line {line}", count_words, f"{len(header)}, one a column"
-            )
-        cells = dict(zip(header, [*row, *[""] * len(header)], strict=False))
+            raise RecordError(place, f"{len(row)} cells", f"{len(header)}, one a column")
+        cells = dict(zip_longest(header, row, fillvalue=""))
         if not any(cells[name] for name in measured or SLIDERS):
-            empty += 1
             continue
         values = {
-            name: _number(path, line, name, cells[name], factor, semicolons)
+            name: _number(place, name, cells[name], factor, semicolons)
             for name, factor in factors.items()
         }
-        _check_travel(path, line, values, machine)
-        line_numbers.append(line)
-        readings.append(
-            PostureReading(
-                reading=len(readings) + 1,
-                posture=_posture(path, line, cells, len(readings) + 1),
-                sliders_mm=cast("SixMm", tuple(values[name] for name in SLIDERS)),
-                values=tuple(values[name] for name in measured),
-                text=",".join(row)[:1000],
-            )
+        _check_travel(place, values, machine)
+        readings[line] = PostureReading(
+            reading=len(readings) + 1,
+            posture=_posture(place, cells.get("posture", ""), len(readings) + 1),
+            sliders_mm=cast("SixMm", tuple(values[name] for name in SLIDERS)),
+            values=tuple(values[name] for name in measured),
+            text=",".join(row)[:1000],
         )
     if not readings:
         raise RecordError(f"table {path}", "no row with values", "a posture at least")
     unused = [name for name in header if name not in factors and name != "posture"]
     remarks = [f"columns that are not used: {', '.join(unused)}"] if unused else []
-    remarks += [f"rows without values, left out: {empty}"] if empty else []
+    if empty_count := len(postures) - len(readings):
+        remarks.append(f"rows without values, left out: {empty_count}")
     first_lines: dict[tuple[SixMm, Values], int] = {}
     copies = [
         f"{line}"
-        for line, reading in zip(line_numbers, readings, strict=True)
+        for line, reading in readings.items()
         if first_lines.setdefault((reading.sliders_mm, reading.values), line) != line
     ]
     if copies:
@@ -126,72 +114,69 @@ def readings_of_table(
             f"lines with all numbers of an earlier one: {', '.join(copies[:MOST_NAMED])}"
             f"{' …' if len(copies) > MOST_NAMED else ''}; each is used as a reading of its own"
         )
-    return PostureTable(tuple(readings), tuple(line_numbers), tuple(remarks))
+    return readings, tuple(remarks)
 
 
 def _fault(
-    path: Path, line: int, column: str, value: str, allowed: str, next_step: str = ""
+    place: str, column: str, value: str, requirement: str, next_step: str = ""
 ) -> RecordError:
-    return RecordError(f"table {path}, line {line}, column {column}", value, allowed, next_step)
+    return RecordError(f"{place}, column {column}", value, requirement, next_step)
 
 
-def _header(path: Path, line: int, names: list[str], measured: Sequence[str]) -> list[str]:
+def _check_header(place: str, names: list[str], measured: Sequence[str]) -> None:
     """Raises RecordError for a column that is missing, doubled, or of a seventh joint."""
     columns = ", ".join((*SLIDERS, *measured))
     for name in names:
         if NUMBERED.fullmatch(name) and name not in SLIDERS:
             fault = f"a joint more than the {CHAINS} of the machine"
-            raise _fault(path, line, name, fault, columns)
+            raise _fault(place, name, fault, columns)
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
-        raise _fault(path, line, twice[0] or "(no name)", "twice", "each once")
+        raise _fault(place, twice[0] or "(no name)", "twice", "each once")
     missing = [name for name in (*SLIDERS, *measured) if name not in names]
     if missing:
         fault = f"no such column among {', '.join(names)}"
-        raise _fault(path, line, missing[0], fault, columns)
-    return names
+        raise _fault(place, missing[0], fault, columns)
 
 
-def _factors(path: Path, line: int, cells: list[str], header: list[str]) -> dict[str, float]:
+def _factors(place: str, header: list[str], cells: list[str]) -> dict[str, float]:
     """What makes millimetres and degrees of the numbers, by column. Raises RecordError."""
     factors = {}
     for name, unit in zip(header, [*cells, *[""] * len(header)], strict=False):
-        is_used = name in SLIDERS or name in MEASURABLE or name == "length"
-        if not is_used:
+        if name not in (*SLIDERS, *MEASURABLE, "length"):
             continue
         units = ANGLE_UNITS if name in ANGLES else LENGTHS
         if unit not in units:
             fault = f"{unit}, where the unit is expected" if NUMBER.fullmatch(unit) else unit
-            raise _fault(path, line, name, fault or "no unit", " or ".join(units), UNIT_ROW)
+            raise _fault(place, name, fault or "no unit", " or ".join(units), UNIT_ROW)
         factors[name] = units[unit]
     return factors
 
 
-def _number(path: Path, line: int, name: str, cell: str, factor: float, semicolons: bool) -> float:
+def _number(place: str, name: str, cell: str, factor: float, semicolons: bool) -> float:
+    """A number in millimetres or degrees. Raises RecordError."""
     if semicolons and COMMA.fullmatch(cell):
         cell = cell.replace(",", ".")
     if not NUMBER.fullmatch(cell):
         next_step = "Write decimals with a point." if "," in cell else ""
-        raise _fault(path, line, name, cell or "an empty cell", "a number", next_step)
+        raise _fault(place, name, cell or "an empty cell", "a number", next_step)
     value = factor * float(cell)
     if abs(value) > LARGEST:
-        raise _fault(path, line, name, cell, f"up to {LARGEST:g} mm or degrees")
+        raise _fault(place, name, cell, f"up to {LARGEST:g} mm or degrees")
     return value
 
 
-def _posture(path: Path, line: int, cells: dict[str, str], usual: int) -> int:
-    cell = cells.get("posture", "") or str(usual)
-    if not cell.isdecimal() or not 1 <= int(cell) <= MOST_POSTURES:
-        raise _fault(path, line, "posture", cell, f"its number, 1 … {MOST_POSTURES}")
-    return int(cell)
+def _posture(place: str, cell: str, usual: int) -> int:
+    posture = cell or str(usual)
+    if not posture.isdecimal() or not 1 <= int(posture) <= MOST_POSTURES:
+        raise _fault(place, "posture", posture, f"its number, 1 … {MOST_POSTURES}")
+    return int(posture)
 
 
-def _check_travel(
-    path: Path, line: int, values: dict[str, float], machine: HexaSlideMachine
-) -> None:
+def _check_travel(place: str, values: dict[str, float], machine: HexaSlideMachine) -> None:
     """Raises RecordError for a slider beyond the ends of its rail."""
     for name, chain in zip(SLIDERS, machine.chain, strict=True):
         least, greatest = chain.travel_mm or (-LARGEST, LARGEST)
         if not least - 1e-3 <= values[name] <= greatest + 1e-3:
-            allowed = f"{least:g} to {greatest:g} mm, its travel_mm in the machine file"
-            raise _fault(path, line, name, f"{values[name]:g} mm", allowed)
+            requirement = f"{least:g} to {greatest:g} mm, its travel_mm in the machine file"
+            raise _fault(place, name, f"{values[name]:g} mm", requirement)

@@ -305,12 +305,12 @@ class Machine(Document):
 
     def with_drives_of(self, geometry: Geometry) -> Machine:
         """The machine with the drives' lines of a geometry, to 0.1 µm and 0.1 µrad."""
-        lines = zip(geometry.origin_mm, geometry.direction, strict=True)
-        x, y, z = (
+        former = self.drive or SQUARE_DRIVES
+        drives = triple(
             drive.model_copy(update={"origin_mm": _rounded(at, 4), "direction": _rounded(way, 7)})
-            for drive, (at, way) in zip(self.drive or SQUARE_DRIVES, lines, strict=True)
+            for drive, at, way in zip(former, geometry.origin_mm, geometry.direction, strict=True)
         )
-        return self.model_copy(update={"drive": (x, y, z)})
+        return self.model_copy(update={"drive": drives})
 
     @property
     def beside_mm(self) -> Triple:
@@ -325,10 +325,9 @@ class Machine(Document):
 
     def geometry(self) -> Geometry:
         """The nominal geometry for the mathematics."""
-        x, y, z = self.drive or SQUARE_DRIVES
-        usable = [bar.usable_bar or self.usable_bar for bar in (x, y, z)]
+        drives = self.drive or SQUARE_DRIVES
         return Geometry(
-            leg_length_mm=triple(bar.leg_length_mm or self.leg_length_mm for bar in (x, y, z)),
+            leg_length_mm=triple(drive.leg_length_mm or self.leg_length_mm for drive in drives),
             travel_max_mm=self.travel_max_mm,
             travel_min_mm=self.travel_min_mm,
             parallelogram_width_mm=self.parallelogram_width_mm,
@@ -336,16 +335,12 @@ class Machine(Document):
             gravity=_unit_vector(self.gravity),
             screw_lead_mm=self.screw_lead_mm,
             load=self.load,
-            origin_mm=(x.origin_mm, y.origin_mm, z.origin_mm),
-            direction=(
-                _unit_vector(x.direction),
-                _unit_vector(y.direction),
-                _unit_vector(z.direction),
-            ),
-            platform_mm=(x.platform_mm, y.platform_mm, z.platform_mm),
+            origin_mm=triple(drive.origin_mm for drive in drives),
+            direction=triple(_unit_vector(drive.direction) for drive in drives),
+            platform_mm=triple(drive.platform_mm for drive in drives),
             workspace_mm=self.workspace_mm,
             set_at_zero=self.set_at_zero or False,
-            usable_bar=(usable[0], usable[1], usable[2]),
+            usable_bar=triple(drive.usable_bar or self.usable_bar for drive in drives),
             plane_mm=self.plane_mm,
         )
 

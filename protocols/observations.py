@@ -24,7 +24,7 @@ from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.movements import carriage_movement
 from calib.tripod.pipeline import simulate
-from protocols.documents import ZERO, Triple
+from protocols.documents import ZERO, Triple, triple
 from protocols.machine import Instrument, Machine
 from protocols.motion import approach_sign, departure_mm, movement_signs
 from protocols.procedure import Step, leg_number
@@ -43,39 +43,33 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
     NotIdentifiable where there is no reading.
     """
     _check_same_machine(sessions)
-    readings: list[Reading] = []
-    mounts: list[str] = []
-    indicators: list[str] = []
-    approach: list[float] = []
-    times_s: list[float] = []
-    movement: list[FloatArray] = []
-    for number, session in enumerate(sessions):
+    for session in sessions:
         _check_readings(session)
-        readings += session.readings
-        mounts += [f"{number}/{reading.mount}" for reading in session.readings]
-        indicators += [f"{number}/{name}" for name in _indicators(session)]
-        approach += approaches(session)
-        times_s += _times_s(session)
-        movement.append(_movements(session))
+    readings = [reading for session in sessions for reading in session.readings]
     if not readings:
         raise NotIdentifiable("readings", "none", "a session with readings in two postures")
     machine = sessions[0].opened.machine
     contact = np.array([r.contact for r in readings], dtype=bool)  # None is False
     by_hand = np.array([r.mount == BY_HAND for r in readings])
+    numbered_sessions = [*enumerate(sessions)]
+    mounts = [f"{n}/{r.mount}" for n, session in numbered_sessions for r in session.readings]
+    indicators = [
+        f"{n}/{name}" for n, session in numbered_sessions for name in _indicators(session)
+    ]
     observations = Observations(
         leg=np.array([NUMBERS[r.leg] for r in readings], dtype=np.intp),
         axis=np.array([NUMBERS[r.axis] for r in readings], dtype=np.intp),
         displacement_mm=np.array([r.displacement_mm for r in readings]),
         station=np.array([r.station for r in readings]),
-        approach=np.array(approach),
+        approach=np.concatenate([approaches(session) for session in sessions]),
         cycle=np.array([r.cycle for r in readings], dtype=np.intp),
-        time_s=np.array(times_s),
+        time_s=np.concatenate([_times_s(session) for session in sessions]),
         # None is NaN
         temperature_c=np.array([r.temperature_c for r in readings], dtype=np.float64),
         mount=numbers_of(mounts),
         indicator=numbers_of(indicators),
         position_mm=np.array([r.position_mm or ZERO for r in readings]),
-        movement=np.concatenate(movement),
+        movement=np.concatenate([_movements(session) for session in sessions]),
         along_mm=np.array([along_mm(r, machine) for r in readings]),
         contact=contact,
         beside_mm=np.where((contact & ~by_hand)[:, None], machine.beside_mm, 0.0),
@@ -104,10 +98,7 @@ def _as_commanded(
     nominal machine's reading changes over that is taken away. The true machine's changes by some
     hundredth more or less, which no indicator shows.
     """
-    departure = np.zeros((len(readings), 3))
-    for row, reading in enumerate(readings):
-        if reading.moved is not None:
-            departure[row] = departure_mm(reading.moved, geometry)
+    departure = np.array([departure_mm(r.moved, geometry) if r.moved else ZERO for r in readings])
     if not departure.any():
         return commanded
     displaced = replace(commanded, position_mm=commanded.position_mm + departure)
@@ -374,9 +365,9 @@ def corrected_readings(session: Session, cleaned: CleanedReadings) -> Iterator[R
         tool = TOUCHED_NAMES[cleaned_rows.leg[k]] == "tool"
         position_mm: Triple | None = None
         if tool:  # that of a contact is in the arrays with those of its repeats
-            x, y, z = cleaned_rows.position_mm[k].tolist()
-            is_same = np.array_equal(cleaned_rows.position_mm[k], observations.position_mm[k])
-            position_mm = reading.position_mm if is_same else (x, y, z)
+            place_mm = cleaned_rows.position_mm[k]
+            is_same = np.array_equal(place_mm, observations.position_mm[k])
+            position_mm = reading.position_mm if is_same else triple(place_mm.tolist())
         mount = mounts[int(cleaned_rows.mount[k])]
         update: dict[str, Any] = {
             "value_mm": float(values[k]),

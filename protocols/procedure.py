@@ -6,7 +6,7 @@ import math
 import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise, permutations, product
+from itertools import chain, compress, pairwise, permutations, product
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -238,41 +238,39 @@ class Procedure(Document):
             yield Step(0, "tool", 0.0, self.cycles, 0.0, (plate.axis,), ZERO)
 
     def _of_legs(self, geometry: Geometry, axes: Sequence[str]) -> Iterator[Step]:
-        for station in self.stations:
-            for leg in self.legs:
-                for step_axes in axes_on_leg(leg, axes):
-                    for cycle in range(1, self.cycles + 1):
-                        seed = f"{leg}/{station}/{cycle}"
-                        for displacement in self._cycle(geometry, self.levels, seed):
-                            yield Step(0, leg, displacement, cycle, station, step_axes)
-                    if self.return_to_zero:
-                        yield Step(0, leg, 0.0, self.cycles, station, step_axes)
+        for station, leg in product(self.stations, self.legs):
+            for step_axes in axes_on_leg(leg, axes):
+                for cycle, at in self._visits(geometry, self.levels, f"{leg}/{station}"):
+                    yield Step(0, leg, at, cycle, station, step_axes)
 
     def _over_plane(self, plane: Plane, geometry: Geometry, axes: Sequence[str]) -> Iterator[Step]:
         for axis, leg in product(plane.axes, self.legs):
             if leg == axis:
                 continue
             first = self._reading_along(axis, axes)
-            for cycle in range(1, self.cycles + 1):
-                for at in self._cycle(geometry, plane.levels, f"{leg}/over {axis}/{cycle}"):
-                    for station in plane.stations:
-                        yield Step(0, leg, at, cycle, station, (axis,), None, True, first)
-            if self.return_to_zero:
+            for cycle, at in self._visits(geometry, plane.levels, f"{leg}/over {axis}"):
                 for station in plane.stations:
-                    yield Step(0, leg, 0.0, self.cycles, station, (axis,), None, True, first)
+                    yield Step(0, leg, at, cycle, station, (axis,), None, True, first)
 
-    def _cycle(self, geometry: Geometry, cycle_levels: Sequence[Level], seed: str) -> list[float]:
-        """Displacements of one cycle: Zero first where it is checked, shuffled where asked for."""
-        levels = [_displacement(level, geometry) for level in cycle_levels]
-        if self.random_seed is not None:
-            zeros = [level for level in levels if level == 0.0]
-            nonzero = [level for level in levels if level != 0.0]
-            # seeded by text: the same order in every version of Python, for both axes of a leg
-            random.Random(f"{self.random_seed}/{seed}").shuffle(nonzero)
-            levels = zeros + nonzero
-        if self.return_to_zero and levels[0] != 0.0:
-            levels.insert(0, 0.0)
-        return levels
+    def _visits(
+        self, geometry: Geometry, visited_levels: Sequence[Level], seed: str
+    ) -> Iterator[tuple[int, float]]:
+        """Cycle and displacement of each posture of a set-up, in their order.
+
+        Zero first in a cycle where it is checked, shuffled where asked for, Zero at the end.
+        """
+        for cycle in range(1, self.cycles + 1):
+            levels = [_displacement(level, geometry) for level in visited_levels]
+            if self.random_seed is not None:
+                nonzero = [level for level in levels if level != 0.0]
+                # seeded by text: the same order in every version of Python, for both axes of a leg
+                random.Random(f"{self.random_seed}/{seed}/{cycle}").shuffle(nonzero)
+                levels = [level for level in levels if level == 0.0] + nonzero
+            if self.return_to_zero and levels[0] != 0.0:
+                levels.insert(0, 0.0)
+            yield from ((cycle, level) for level in levels)
+        if self.return_to_zero:
+            yield self.cycles, 0.0
 
     def check_limits(self, geometry: Geometry, path: Path | None = None) -> None:
         """Raises RecordError for the first level, or position, outside the joint limits.
@@ -287,43 +285,31 @@ class Procedure(Document):
                 "a procedure with [plate], readings of the tool",
                 "plate-rings is one.",
             )
-        low, high = geometry.travel_min_mm, geometry.travel_max_mm
-        coordinate, requirement = "level", f"the joint limits {low:g} … {high:g} mm"
-        faults: Iterator[tuple[Key, str]]
+        limits = f"the joint limits {geometry.travel_min_mm:g} … {geometry.travel_max_mm:g} mm"
+        coordinate, requirement = "level", limits
         if self.plate is not None:
-            coordinate, requirement = (
-                "position",
-                f"a position that the bars reach within {requirement}",
-            )
-            places = self.plate.places_mm()
-            stands = geometry.stands(np.array(places)).tolist()
-            faults = (
-                (("plate",), position_words(place))
-                for place, may_stand in zip(places, stands, strict=True)
-                if not may_stand
-            )
-        else:
-            levels: dict[Key, tuple[Level, ...]] = {("levels",): self.levels}
-            if self.plane is not None:
-                levels["plane", "levels"] = self.plane.levels
-            displacements = [
-                ((*key, k), _displacement(level, geometry))
-                for key, of_key in levels.items()
-                for k, level in enumerate(of_key)
-            ]
-            faults = ((key, f"{mm:g} mm") for key, mm in displacements if not low <= mm <= high)
-            if not geometry.common_zero:
-                requirement = f"places that the bars of every leg reach within {requirement}"
-                faults = (
-                    (key, f"{mm:g} mm of leg {LEG_NAMES[leg]}")
-                    for (key, mm), leg in product(displacements, map(leg_number, self.legs))
-                    if not geometry.goes(leg, mm)
-                )
-        for key, value in faults:
+            coordinate, requirement = "position", f"a position that the bars reach within {limits}"
+        elif not geometry.common_zero:
+            requirement = f"places that the bars of every leg reach within {limits}"
+        for key, value in self._beyond_limits(geometry):
             next_step = f"Change the {coordinate}, or the limits in the machine file."
             raise RecordError(
                 f"{self._where(path, key)}, {coordinate}", value, requirement, next_step
             )
+
+    def _beyond_limits(self, geometry: Geometry) -> Iterator[tuple[Key, str]]:
+        """Positions, or levels, that the machine does not allow, with their place in the file."""
+        if self.plate is not None:
+            places = self.plate.places_mm()
+            for place in compress(places, ~geometry.stands(np.array(places))):
+                yield ("plate",), position_words(place)
+        levels: list[tuple[Key, Level]] = [(("levels", k), v) for k, v in enumerate(self.levels)]
+        if self.plane is not None:
+            levels += [(("plane", "levels", k), v) for k, v in enumerate(self.plane.levels)]
+        for (key, level), leg in product(levels, self.legs):
+            mm = _displacement(level, geometry)
+            if not leg_within(leg, mm, geometry):
+                yield key, f"{mm:g} mm" if geometry.common_zero else f"{mm:g} mm of leg {leg}"
 
     def check_bars(self, geometry: Geometry, path: Path | None = None) -> None:
         """Raises RecordError for the first touched point off the usable part of its bar.
@@ -486,6 +472,13 @@ def default_mount(leg: str, axis: str, station: float) -> str:
 def leg_number(name: str) -> int:
     """0, 1, 2 for x, y, z, and `TOOL`."""
     return TOOL if name == "tool" else LEG_NAMES.index(name)
+
+
+def leg_within(leg: str, displacement_mm: float, geometry: Geometry) -> bool:
+    """Whether the joint limits allow a displacement from the Zero of a leg."""
+    if not geometry.common_zero:
+        return geometry.goes(leg_number(leg), displacement_mm)
+    return geometry.travel_min_mm <= displacement_mm <= geometry.travel_max_mm
 
 
 def off_bar(

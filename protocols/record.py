@@ -133,11 +133,60 @@ class RecordForm:
         return int(self.schema.rpartition("/")[2])
 
 
+class SessionMeaning(Meaning):
+    """Distances count up, too, readings are of their steps, a mounting stays in one place."""
+
+    opened = Opened
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._distances = 0
+        self._places: dict[str, tuple[str, str, float]] = {}
+        self._steps: dict[int, Step] = {}
+
+    def check(self, number: int, event: Event) -> None:
+        """Raises RecordError with the line number."""
+        if isinstance(event, Reading):  # most are
+            self._check_reading(number, event)
+        elif isinstance(event, Opened):
+            self._steps = {step.number: step for step in event.steps()}
+        elif isinstance(event, Distance):
+            self._distances += 1
+            if event.distance != self._distances:
+                fault = f"distance {event.distance}"
+                raise self.error(number, fault, f"distance {self._distances}")
+        elif isinstance(event, Restored):
+            counting = [n for n in event.readings if n not in self._superseded]
+            if counting:
+                fault = f"reading {counting[0]} restored"
+                raise self.error(number, fault, "readings that were superseded")
+            self._superseded.difference_update(event.readings)
+        else:
+            super().check(number, event)
+
+    def _check_reading(self, number: int, event: Reading) -> None:
+        step = self._steps.get(event.step or 0)
+        if step and (event.leg != step.leg or event.axis not in step.axes):
+            fault = f"leg {event.leg}, axis {event.axis} in step {step.number}"
+            requirement = f"leg {step.leg}, axis {' or '.join(step.axes)}, as in the procedure"
+            raise self.error(number, fault, requirement)
+        self.count(number, event.reading)
+        place = event.set_up
+        if self._places.setdefault(event.mount, place) != place:
+            raise self.error(number, f"mounting {event.mount} in a second place", "one place")
+
+
+SESSION_FORM = RecordForm(SCHEMA, EVENT, Continued, SessionMeaning)
+"""Of sessions with indicators or contacts."""
+
+
 def record_form(name: str) -> RecordForm:
     """The form of sessions ``glidecal.NAME-session``, which is in ``protocols/NAME_session.py``.
 
-    Raises RecordError where there is none.
+    Without a name that of indicators or contacts. Raises RecordError where there is none.
     """
+    if not name:
+        return SESSION_FORM
     with suppress(ModuleNotFoundError):
         for value in vars(import_module(f"protocols.{name}_session")).values():
             if isinstance(value, RecordForm) and value.name == f"glidecal.{name}-session":
@@ -183,8 +232,8 @@ class Record:
         return ""
 
 
-def read_record(path: Path, form: RecordForm | None = None) -> Record:
-    """Read and check a session file, None: with indicators or contacts.
+def read_record(path: Path, form: RecordForm = SESSION_FORM) -> Record:
+    """Read and check a session file.
 
     Raises RecordError naming the first line that is altered, out of order or not an event, and
     for what is no regular file or too large to be a session.
@@ -198,12 +247,8 @@ def read_record(path: Path, form: RecordForm | None = None) -> Record:
     return check_record(path, content, form)
 
 
-def check_record(path: Path, content: bytes, form: RecordForm | None = None) -> Record:
-    """The record with this content, None: of a session with indicators or contacts.
-
-    Raises RecordError as `read_record` does.
-    """
-    form = form or SESSION_FORM
+def check_record(path: Path, content: bytes, form: RecordForm = SESSION_FORM) -> Record:
+    """The record with this content. Raises RecordError as `read_record` does."""
     lines = content.split(b"\n")
     _refuse_converted(path, lines[0])
     torn = lines.pop()
@@ -282,12 +327,11 @@ def digest_of(line: bytes) -> str:
     return hashlib.sha256(line).hexdigest()
 
 
-def parse_line(path: Path, number: int, line: bytes, form: RecordForm | None = None) -> Event:
+def parse_line(path: Path, number: int, line: bytes, form: RecordForm = SESSION_FORM) -> Event:
     """One line as an event; number 0 is somewhere in the file. Raises RecordError.
 
     Of another ``form`` than that of sessions with indicators it is an event of that form.
     """
-    form = form or SESSION_FORM
     try:
         event: Event = form.lines.validate_json(line)
     except ValidationError as problem:
@@ -318,53 +362,6 @@ def parse_line(path: Path, number: int, line: bytes, form: RecordForm | None = N
 
 def _subject(path: Path, number: int) -> str:
     return f"session {path}, line {number}"
-
-
-class SessionMeaning(Meaning):
-    """Distances count up, too, readings are of their steps, a mounting stays in one place."""
-
-    opened = Opened
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self._distances = 0
-        self._places: dict[str, tuple[str, str, float]] = {}
-        self._steps: dict[int, Step] = {}
-
-    def check(self, number: int, event: Event) -> None:
-        """Raises RecordError with the line number."""
-        if isinstance(event, Reading):  # most are
-            self._check_reading(number, event)
-        elif isinstance(event, Opened):
-            self._steps = {step.number: step for step in event.steps()}
-        elif isinstance(event, Distance):
-            self._distances += 1
-            if event.distance != self._distances:
-                fault = f"distance {event.distance}"
-                raise self.error(number, fault, f"distance {self._distances}")
-        elif isinstance(event, Restored):
-            counting = [n for n in event.readings if n not in self._superseded]
-            if counting:
-                fault = f"reading {counting[0]} restored"
-                raise self.error(number, fault, "readings that were superseded")
-            self._superseded.difference_update(event.readings)
-        else:
-            super().check(number, event)
-
-    def _check_reading(self, number: int, event: Reading) -> None:
-        step = self._steps.get(event.step or 0)
-        if step and (event.leg != step.leg or event.axis not in step.axes):
-            fault = f"leg {event.leg}, axis {event.axis} in step {step.number}"
-            requirement = f"leg {step.leg}, axis {' or '.join(step.axes)}, as in the procedure"
-            raise self.error(number, fault, requirement)
-        self.count(number, event.reading)
-        place = event.set_up
-        if self._places.setdefault(event.mount, place) != place:
-            raise self.error(number, f"mounting {event.mount} in a second place", "one place")
-
-
-SESSION_FORM = RecordForm(SCHEMA, EVENT, Continued, SessionMeaning)
-"""Of sessions with indicators or contacts."""
 
 
 def _check_chain(path: Path, number: int, lines: list[bytes], digest: str, event: Event) -> None:

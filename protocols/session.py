@@ -96,6 +96,37 @@ class Beginning(Line):
     origin: Origin
     measured_on: date | None = None
 
+    @property
+    def measured_at(self) -> datetime:
+        """When it was measured: of an imported table the stated day, else when it was imported."""
+        day = self.measured_on
+        return datetime(day.year, day.month, day.day, tzinfo=UTC) if day else self.at
+
+    @property
+    def is_dated(self) -> bool:
+        """Whether it is known when it was measured."""
+        return self.origin != "imported" or self.measured_on is not None
+
+    def measured_words(self, form: str = "%Y-%m-%d") -> str:
+        """When it was measured, in this form; of a table the day, or that nobody stated it."""
+        recorded = format(self.at, form)
+        if self.origin != "imported":
+            return recorded
+        return f"{self.measured_on or 'not stated'}, imported {recorded}"
+
+    def measured_days(self, readings: Iterable[Line]) -> tuple[date, date]:
+        """The day when it began, and that of its last reading; of a table the day of all."""
+        first = self.measured_at.date()
+        if self.origin == "imported":
+            return first, first
+        return first, max([first, *(reading.at.date() for reading in readings)])
+
+    def day_words(self, readings: Iterable[Line]) -> str:
+        """The days when it was measured; where nobody stated it, the day of the import."""
+        if not self.is_dated:
+            return self.measured_words()
+        return " to ".join(f"{day}" for day in dict.fromkeys(self.measured_days(readings)))
+
 
 class Opened(Beginning):
     """First line: the schema and everything known before measuring.
@@ -316,7 +347,17 @@ class Noted(Line):
     text: Name
 
 
-class Continued(Line):
+class Continuation(Line):
+    """A session of any kind of machine goes on after an interruption."""
+
+    event: Literal["continued"] = "continued"
+    schema_id: str | None = Field(alias="schema", default=None)
+    program: Name
+    torn_bytes: int = 0
+    paused_s: float | None = None
+
+
+class Continued(Continuation):
     """The session goes on after an interruption; bytes of a torn last line were set aside.
 
     The lines from here on keep to ``schema_id``, None: to that of the first line.
@@ -324,11 +365,7 @@ class Continued(Line):
     readings goes on by so much, or by nothing where the clock was set back.
     """
 
-    event: Literal["continued"] = "continued"
     schema_id: SchemaId | None = Field(alias="schema", default=None)
-    program: Name
-    torn_bytes: int = 0
-    paused_s: float | None = None
 
 
 class Changed(Line):
@@ -563,47 +600,40 @@ def fold(events: Iterable[Event]) -> Session:
     superseded: dict[int, str] = {}
     restored: dict[int, str] = {}
     skipped: dict[int, str] = {}
-    mountings: list[Mounted] = []
-    notes: list[str] = []
-    changes: list[Changed] = []
     distances: list[Distance] = []
     stand_untouched = True
     for event in sequence:
-        if isinstance(event, Reading):
-            readings.append(event)
-        elif isinstance(event, Distance):
-            distances.append(event)
-        elif isinstance(event, Superseded):
-            superseded |= dict.fromkeys(event.readings, event.reason)
-            restored = _without(restored, event.readings)
-        elif isinstance(event, Skipped):
-            skipped |= dict.fromkeys(event.steps, event.reason)
-        elif isinstance(event, Restored):
-            superseded = _without(superseded, event.readings)
-            restored |= dict.fromkeys(event.readings, event.reason)
-            skipped = _without(skipped, event.steps)
-        elif isinstance(event, Mounted | Continued):
-            stand_untouched = isinstance(event, Mounted)
-            mountings += [event] if isinstance(event, Mounted) else []
-        elif isinstance(event, Noted):
-            notes.append(event.text)
-        elif isinstance(event, Changed):
-            numbers = (r.reading for r in readings if r.reading not in superseded)
-            superseded |= dict.fromkeys(numbers, f"{CHANGED}: {event.reason}")
-            restored, skipped, distances, stand_untouched = {}, {}, [], False
-            changes.append(event)
-    counting = tuple(r for r in readings if r.reading not in superseded)
+        match event:
+            case Reading():
+                readings.append(event)
+            case Distance():
+                distances.append(event)
+            case Superseded():
+                superseded |= dict.fromkeys(event.readings, event.reason)
+                restored = _without(restored, event.readings)
+            case Skipped():
+                skipped |= dict.fromkeys(event.steps, event.reason)
+            case Restored():
+                superseded = _without(superseded, event.readings)
+                restored |= dict.fromkeys(event.readings, event.reason)
+                skipped = _without(skipped, event.steps)
+            case Mounted() | Continued():
+                stand_untouched = isinstance(event, Mounted)
+            case Changed():
+                numbers = (r.reading for r in readings if r.reading not in superseded)
+                superseded |= dict.fromkeys(numbers, f"{CHANGED}: {event.reason}")
+                restored, skipped, distances, stand_untouched = {}, {}, [], False
     return Session(
         opened,
-        counting,
+        tuple(reading for reading in readings if reading.reading not in superseded),
         superseded,
         restored,
         skipped,
         tuple(readings),
-        tuple(mountings),
+        tuple(event for event in sequence if isinstance(event, Mounted)),
         stand_untouched,
-        tuple(notes),
-        tuple(changes),
+        tuple(event.text for event in sequence if isinstance(event, Noted)),
+        tuple(event for event in sequence if isinstance(event, Changed)),
         tuple(distances),
         closed=isinstance(sequence[-1], Closed),
     )

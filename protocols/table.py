@@ -1,10 +1,16 @@
-"""Tables of readings (CSV, XLSX, Parquet): a header, a row for each reading, in the order taken."""
+"""Tables of readings, contacts and distances (CSV, XLSX, Parquet): a header, and a row for each.
+
+Readings stand in the order taken.
+"""
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -26,13 +32,22 @@ from protocols.data_table import (
     unprotected,
     workbook,
 )
-from protocols.documents import LARGEST_COUNT, describe
+from protocols.documents import LARGEST_COUNT, Triple, describe, triple
 from protocols.machine import Instrument, Machine
-from protocols.procedure import ALL_AXES, SLIDING, Leg, Procedure, default_mount, off_bar
+from protocols.procedure import (
+    ALL_AXES,
+    SLIDING,
+    Leg,
+    Procedure,
+    default_mount,
+    leg_within,
+    off_bar,
+)
 from protocols.session import (
     LARGEST_READING_MM,
     MOVED,
     MOVED_MM,
+    Distance,
     Event,
     Moved,
     Opened,
@@ -210,15 +225,9 @@ def opened_table(
 def outside_limits(readings: Sequence[Reading], geometry: Geometry) -> int:
     """How many readings are in postures that the joint limits do not allow."""
     places = [r.position_mm for r in readings if r.position_mm is not None]
-    of_legs = [r for r in readings if r.position_mm is None]
     of_tool = int((~geometry.stands(np.array(places))).sum()) if places else 0
-    return of_tool + sum(not _leg_within(reading, geometry) for reading in of_legs)
-
-
-def _leg_within(reading: Reading, geometry: Geometry) -> bool:
-    if not geometry.common_zero:
-        return geometry.goes(LEG_NAMES.index(reading.leg), reading.displacement_mm)
-    return geometry.travel_min_mm <= reading.displacement_mm <= geometry.travel_max_mm
+    of_legs = (r for r in readings if r.position_mm is None)
+    return of_tool + sum(not leg_within(r.leg, r.displacement_mm, geometry) for r in of_legs)
 
 
 def off_plate_words(readings: Sequence[Reading], machine: Machine) -> str:
@@ -328,8 +337,8 @@ def _is_of_contact(names: Container[str]) -> bool:
 
 def _tool_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry) -> Reading:
     axis = row.letter("axis") if row.fields.get("axis") else "z"
-    x, y, z = (row.number(name) for name in POSITION)
-    if not (geometry.reach_mm2(np.array([x, y, z])) > 0.0).all():
+    place = x, y, z = triple(row.number(name) for name in POSITION)
+    if not (geometry.reach_mm2(np.array(place)) > 0.0).all():
         raise row.fault(
             "z_mm",
             f"with x and y a place that the bars reach, not ({x:g}, {y:g}, {z:g}) mm",
@@ -343,20 +352,13 @@ def _tool_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geo
         leg="tool",
         axis=axis,
         displacement_mm=0.0,
-        position_mm=(x, y, z),
+        position_mm=place,
         lift_mm=lift or None,
         mount=row.fields.get("mount") or default_mount("tool", axis, 0.0),
         station=0.0,
-        **(_of_any(row, unknown) | _of_contact(row, axis)),
+        contact=_is_of_contact(row.fields) or None,
+        **_of_any(row, unknown, f"{axis}_mm" if _is_of_contact(row.fields) else "value_mm"),
     )
-
-
-def _of_contact(row: Row, axis: Leg) -> dict[str, Any]:
-    """What is a contact's own: its text is that of its place, which is what was found."""
-    if not _is_of_contact(row.fields):
-        return {}
-    at = f"{axis}_mm"
-    return {"contact": True, "text": row.fields.get("device_text") or row.with_point(at)}
 
 
 def _reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry) -> Reading:
@@ -408,18 +410,28 @@ def _leg_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geom
     )
 
 
-def _of_any(row: Row, unknown: tuple[str, ...]) -> dict[str, Any]:
-    """What readings of legs and of the tool have in common."""
+ABSOLUTE_ZERO_C = -273.15
+
+
+def _temperature(row: Row, column: str) -> float:
+    """Raises RecordError below absolute zero, which records of older programs may hold."""
+    temperature_c = row.number(column)
+    if temperature_c < ABSOLUTE_ZERO_C:
+        raise row.fault(column, f"{ABSOLUTE_ZERO_C:g} °C, absolute zero, or more")
+    return temperature_c
+
+
+def _of_any(row: Row, unknown: tuple[str, ...], text_column: str = "value_mm") -> dict[str, Any]:
+    """What readings of legs and of the tool have in common; the text is that of what was found."""
     column = "height_mm" if _is_of_contact(row.fields) else "value_mm"
-    value = row.number(column, LARGEST_READING_MM)
     return {
-        "value_mm": value,
-        "text": row.fields.get("device_text") or row.with_point(column),
+        "value_mm": row.number(column, LARGEST_READING_MM),
+        "text": row.fields.get("device_text") or row.with_point(text_column),
         "resolution_mm": row.optional("resolution_mm", row.number, None),
         "unit_assumed": bool(row.optional("unit_assumed", lambda name: row.whole(name, 0), 0)),
         "cycle": row.optional("cycle", lambda name: row.whole(name, 1), 1),
         "time_s": row.optional("time_s", row.number, None),
-        "temperature_c": row.optional("temperature_c", row.number, None),
+        "temperature_c": row.optional("temperature_c", partial(_temperature, row), None),
         "averaged": row.optional("averaged", lambda name: row.whole(name, 1), 1),
         "moved": _moved(row),
         "extra": {name: row.fields[name] for name in unknown},
@@ -473,6 +485,97 @@ def _check_mounts(rows: list[Row], readings: tuple[Reading, ...]) -> None:
                 "mount",
                 f"a new name: {reading.mount!r} already is leg {leg}, axis {axis}, {place_text}",
             )
+
+
+OFF_MM = 5.0
+"""So far what was measured may be from what was commanded: a machine that is off by more was of no
+use, and the distance is of other marks, or in another unit."""
+
+LEAST_MM = 1e-4
+"""Nothing is marked and measured better."""
+
+
+@dataclass(frozen=True)
+class MeasuredDistance:
+    """A distance between two places of the tool, and where that stands, for messages."""
+
+    from_mm: Triple
+    to_mm: Triple
+    value_mm: float
+    text: str
+    source: str
+    deviation_mm: float | None = None
+
+
+def distances_of_table(path: Path) -> tuple[MeasuredDistance, ...]:
+    """The distances of a table. Raises RecordError naming line, column and value."""
+    return tuple(_measured_distance(row) for row in rows_of_table(path)[0])
+
+
+def _measured_distance(row: Row) -> MeasuredDistance:
+    if "distance_mm" not in row.fields:
+        raise RecordError(
+            f"table {row.path}, header",
+            ", ".join(row.fields),
+            "columns " + ", ".join((*FROM, *TO, "distance_mm")),
+            "Missing: distance_mm",
+        )
+    return MeasuredDistance(
+        triple(map(row.number, FROM)),
+        triple(map(row.number, TO)),
+        row.number("distance_mm"),
+        row.with_point("distance_mm"),
+        f"table {row.path}, line {row.line}",
+        row.optional("deviation_mm", row.number, None),
+    )
+
+
+def checked_distances(
+    measured: Sequence[MeasuredDistance], geometry: Geometry, deviation_mm: float | None = None
+) -> tuple[Distance, ...]:
+    """Lines of the record, numbered from 1; ``deviation_mm`` of those that state none.
+
+    Raises RecordError for marks that the bars do not reach, two marks at one place, a distance that
+    is none, or far from what was commanded.
+    """
+    # standard deviation of marking and measuring with a caliper, if nobody states another
+    usual_mm = 0.05 if deviation_mm is None else deviation_mm
+    return tuple(
+        _checked_distance(number, entry, geometry, usual_mm)
+        for number, entry in enumerate(measured, start=1)
+    )
+
+
+def _checked_distance(
+    number: int, entry: MeasuredDistance, geometry: Geometry, usual_mm: float
+) -> Distance:
+    for place in (entry.from_mm, entry.to_mm):
+        if not (geometry.reach_mm2(np.array(place)) > 0.0).all():
+            at = ", ".join(f"{value:g}" for value in place)
+            raise RecordError(entry.source, f"a mark at ({at}) mm", "places that the bars reach")
+    apart_mm = math.dist(entry.from_mm, entry.to_mm)
+    if not (apart_mm > 0.0 < entry.value_mm and abs(entry.value_mm - apart_mm) <= OFF_MM):
+        raise RecordError(
+            entry.source,
+            f"{entry.value_mm:g} mm between marks that were commanded {apart_mm:.6g} mm apart",
+            f"two marks, and a distance within {OFF_MM:g} mm of that",
+            "Is it in mm, and of these two marks? Measure it again, or take it out.",
+        )
+    deviation_mm = usual_mm if entry.deviation_mm is None else entry.deviation_mm
+    if not LEAST_MM <= deviation_mm <= OFF_MM:
+        raise RecordError(
+            entry.source,
+            f"a standard deviation of {deviation_mm:g} mm",
+            f"{LEAST_MM:g} … {OFF_MM:g} mm, that of marking and measuring together",
+        )
+    return Distance(
+        distance=number,
+        from_mm=entry.from_mm,
+        to_mm=entry.to_mm,
+        value_mm=entry.value_mm,
+        deviation_mm=deviation_mm,
+        text=entry.text,
+    )
 
 
 def empty_table(procedure: Procedure, geometry: Geometry, path: Path) -> str | bytes:

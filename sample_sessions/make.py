@@ -16,7 +16,6 @@ from pathlib import Path
 from app.measuring.simulated import simulated_session
 from app.version import program
 from calib.tripod.pipeline import Model
-from protocols.distance_table import checked, distances_of_table
 from protocols.journal import Journal, write_whole
 from protocols.machine import load_machine
 from protocols.procedure import guided_procedure_names, load_procedure
@@ -34,7 +33,7 @@ from protocols.session import (
     Skipped,
     Superseded,
 )
-from protocols.table import opened_table
+from protocols.table import checked_distances, distances_of_table, opened_table
 
 HERE = Path(__file__).parent
 SOURCE = "Pashkevich, Chablat, Wenger, Gomolitsky 2008, tables {}; three readings averaged."
@@ -144,7 +143,7 @@ def _contacts(path: Path) -> None:
         opened, events, _ = opened_table(HERE / "tables" / "contacts.csv", machine, program())
         measured = distances_of_table(HERE / "tables" / "distances.csv")
         opened = opened.model_copy(update={"measured_on": date(2026, 11, 26)})
-        write_whole(path, opened, [*events, *checked(measured, machine.geometry())])
+        write_whole(path, opened, [*events, *checked_distances(measured, machine.geometry())])
 
 
 def _moved(reading: Reading, zero_mm: list[float]) -> Reading:

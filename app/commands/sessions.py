@@ -293,10 +293,9 @@ def _read_from(
 ) -> tuple[Opened, Sequence[Event], str | None, list[str]]:
     """First line and events of a session of these files, a machine file, and what is not used."""
     from app.version import program
-    from protocols.distance_table import checked, distances_of_table
     from protocols.machine import load_machine
     from protocols.printers.imported import are_of_printer, imported_printer
-    from protocols.table import opened_table
+    from protocols.table import checked_distances, distances_of_table, opened_table
 
     measured_distances = distances_of_table(distances) if distances else ()
     if are_of_printer(source):
@@ -310,7 +309,7 @@ def _read_from(
             geometry_alone=geometry_alone,
         )
         unused = [f"not used: {odd}" for odd in printer.oddities]
-        measured = checked(
+        measured = checked_distances(
             (*printer.distances, *measured_distances),
             printer.opened.machine.geometry(),
             deviation_mm,
@@ -325,7 +324,7 @@ def _read_from(
         remarks=remarks,
     )
     unused = [f"columns kept but not used: {', '.join(unknown)}"] if unknown else []
-    measured = checked(measured_distances, opened.machine.geometry(), deviation_mm)
+    measured = checked_distances(measured_distances, opened.machine.geometry(), deviation_mm)
     return opened, (*events, *measured), None, unused
 
 

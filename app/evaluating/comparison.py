@@ -16,7 +16,6 @@ from calib.identify.accuracy import Decision
 from calib.identify.solution import Solution
 from calib.quantity import INTERNAL, Quantity
 from calib.tripod.geometry import PARAMETER_NAMES
-from protocols.dates import is_dated, measured_at
 from protocols.machine import Machine
 from protocols.observations import changed_between
 from protocols.record import Record, read_record
@@ -152,8 +151,8 @@ def _order_remarks(earlier: Record, later: Record) -> list[str]:
     verifies = later.opened.verifies
     if verifies is not None and verifies != earlier.path.name:
         remarks.append(f"{later.path.name} was measured to verify {verifies}.")
-    pair = earlier.opened, later.opened
-    if all(map(is_dated, pair)) and measured_at(later.opened) < measured_at(earlier.opened):
+    first, second = earlier.opened, later.opened
+    if first.is_dated and second.is_dated and second.measured_at < first.measured_at:
         remarks.append(f"{later.path.name} is older than {earlier.path.name}: is the order right?")
     return remarks
 

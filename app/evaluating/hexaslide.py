@@ -17,7 +17,6 @@ from app.evaluating.hexaslide_calibration import (
 from app.evaluating.posture_history import PostureEntry
 from calib.errors import CalibrationError, GlidecalError
 from calib.hexaslide.diagnosis import HexaSlideDiagnosis, diagnosis_from
-from protocols.dates import is_dated, measured_at
 from protocols.hexaslide import HexaSlideMeasurements
 from protocols.hexaslide_session import PostureSession, read_postures
 from protocols.record import Record
@@ -56,8 +55,8 @@ def posture_entry(path: Path, effects: bool) -> PostureEntry:
     session, record = read_postures(path)
     opened = session.opened
     entry = PostureEntry(
-        began=measured_at(opened),
-        dated=is_dated(opened),
+        began=opened.measured_at,
+        dated=opened.is_dated,
         name=opened.machine.title,
         machine=opened.machine.model_dump(mode="json"),
         origin=opened.origin,

@@ -34,7 +34,6 @@ from calib.control_chart import WatchedQuantity, watch
 from calib.errors import GlidecalError, RecordError, UsageError
 from calib.identify.accuracy import Decision
 from calib.posterior.tool import days_in_tolerance, tool_field
-from protocols.dates import is_dated, measured_at
 from protocols.documents import Document, Origin, read_bytes
 from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
@@ -322,8 +321,8 @@ def _entry_of(path: Path, content: bytes, *, effects: bool) -> Entry:
     record = check_record(path, content)
     session, opened = record.session, record.opened
     entry = Entry(
-        began=measured_at(opened),
-        dated=is_dated(opened),
+        began=opened.measured_at,
+        dated=opened.is_dated,
         machine=opened.machine,
         adjusted=session.adjusted,
         origin=opened.origin,

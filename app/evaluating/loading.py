@@ -7,7 +7,6 @@ from datetime import datetime
 from pathlib import Path
 
 from calib.errors import RecordError
-from protocols.dates import measured_at
 from protocols.record import Record, read_record
 from protocols.session import Session
 from protocols.table import off_bar_words
@@ -21,7 +20,7 @@ def records_in_order(paths: Sequence[Path]) -> list[Record]:
 
 def measured_first(session: Record | Session) -> tuple[datetime, datetime, str]:
     """The order in which sessions were measured: the last one tells how the machine is now."""
-    return measured_at(session.opened), session.opened.at, session.digest
+    return session.opened.measured_at, session.opened.at, session.digest
 
 
 def refuse_twice(sessions: Sequence[tuple[object, Session]]) -> None:

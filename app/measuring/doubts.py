@@ -109,7 +109,7 @@ def examined(
     if doubt:
         step_taken = replace(step_taken, doubt=doubt)
         if doubt is Doubt.UNCHANGED and (
-            step := step_taken.due[0].before.step
+            step := step_taken.due[0].previous.step
         ):  # or it was here early
             earlier = tuple(r for r in session.readings if r.step == step)
             step_taken = replace(step_taken, earlier=earlier)
@@ -138,7 +138,7 @@ def _movement_doubt(
         return Doubt.UNCHANGED, []
     if moved is not Movement.UNKNOWN or controlled:
         return None, []
-    if time_s < _arrival_s(step, due[0].before, session):
+    if time_s < _arrival_s(step, due[0].previous, session):
         return Doubt.TOO_SOON, []
     word = f"step {step.number}: no reading can show a move here; the operator's word"
     return None, [Noted(text=word)]

@@ -271,12 +271,12 @@ def import_postures(source: Path, plan: PosturePlan) -> tuple[PostureSession, tu
     Raises RecordError for the table, naming line and column, and for the place of the record.
     """
     procedure = plan.procedure.model_copy(update={"postures": ()})
-    table = readings_of_table(source, plan.machine, procedure)
+    readings, unused = readings_of_table(source, plan.machine, procedure)
     opened = plan.opened("imported", procedure)
-    session = replace(fold_postures([opened, *table.readings]), name=plan.path.name)
-    odd = _odd(source, session, table.lines)
-    write_whole(plan.path, opened, [*table.readings], POSTURE_FORM)
-    return session, (*table.unused, *odd)
+    session = replace(fold_postures([opened, *readings.values()]), name=plan.path.name)
+    odd = _odd(source, session, [*readings])
+    write_whole(plan.path, opened, [*readings.values()], POSTURE_FORM)
+    return session, (*unused, *odd)
 
 
 def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str, ...]:

@@ -14,7 +14,6 @@ from app.measuring.indicators import SIMULATED, asked_of, profile_of
 from calib.errors import GlidecalError, RecordError
 from calib.printable import counted
 from drivers.profile import IndicatorReading, Profile, Query
-from protocols.dates import measured_words
 from protocols.documents import Origin
 from protocols.machine import Instrument
 from protocols.machine_files import beginning_of, form_name
@@ -142,14 +141,13 @@ def _state_of_form(path: Path, form: str) -> SessionFile:
 
 def _of(file: SessionFile, opened: Opened) -> SessionFile:
     """The file with the machine and the day of its first line."""
-    machine, day = opened.machine.title, measured_words(opened)
+    machine, day = opened.machine.title, opened.measured_words()
     return replace(file, machine=machine, day=day, origin=opened.origin)
 
 
 def check_session(path: Path) -> None:
     """Raises RecordError for a record of any form that cannot be read."""
-    form = form_name(path)
-    read_record(path, record_form(form) if form else None)
+    read_record(path, record_form(form_name(path)))
 
 
 def _state_by_ends(path: Path, opened: Opened, last: Sequence[Event]) -> SessionFile:

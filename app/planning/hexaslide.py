@@ -31,6 +31,7 @@ from protocols.hexaslide import (
     load_hexaslide,
     load_postures,
     machine_like,
+    unit_question,
 )
 
 EXAMPLE, EXAMPLE_NAME = "hexaslide-h60.toml", "hexaslide"
@@ -168,8 +169,9 @@ def inside_box(postures: FloatArray, machine: HexaSlide, advice: str = "") -> Fl
     try:
         return machine.inside(postures)
     except CalibrationError as problem:
+        next_step = unit_question(postures, machine.box) or advice
         raise RecordError(
-            f"posture file, {problem.thing}", problem.found, problem.allowed, advice
+            f"posture file, {problem.thing}", problem.found, problem.allowed, next_step
         ) from problem
 
 

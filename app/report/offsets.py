@@ -24,7 +24,6 @@ from calib.quantity import rows
 from calib.tripod.controller import ControllerJoints
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model, StageEffect
-from protocols.dates import measured_words
 from protocols.files import Contents
 from protocols.machine import Frame, Machine
 from protocols.model_file import ambiguity, ambiguous_effects, is_model, read_model_file, to_model
@@ -218,7 +217,7 @@ def offsets_from_result(result: SessionSolution, *, view: bool = False) -> Offse
         model=Model(machine.geometry()),
         controller=_stated(machine),
         recorded=min(session.opened.at for session in result.sessions),
-        measured=measured_words(result.sessions[-1].opened, MINUTE),
+        measured=result.sessions[-1].opened.measured_words(MINUTE),
         digests=tuple(session.digest for session in result.sessions),
         cautions=tuple(map(one_line, caveats(result))),
         result=result,

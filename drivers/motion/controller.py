@@ -368,11 +368,11 @@ class Controller(ABC):
         return all(abs(a - b) <= self.limits.reached_mm for a, b in pairs)
 
     def fault(
-        self, kind: MotionFault, value: str = "", allowed: str = "", next_step: str = ""
+        self, kind: MotionFault, value: str = "", requirement: str = "", next_step: str = ""
     ) -> ControllerFault:
         """A fault of this controller."""
         subject = f"{self.words}, {kind}" if value else self.words
-        return ControllerFault(kind, subject, value, allowed, next_step)
+        return ControllerFault(kind, subject, value, requirement, next_step)
 
 
 class NoLine(ControllerFault):

@@ -71,10 +71,14 @@ class CodeLine:
         if numbers is None:
             return usual
         if len(numbers) != 1 or not math.isfinite(numbers[0]):
-            raise RecordError(
-                f"file of a printer {self.source}", repr(self.text), f"{letter} and a number"
-            )
+            raise self.fault(f"{letter} and a number")
         return numbers[0]
+
+    def fault(self, requirement: str, next_step: str = "", *, meaning: str = "") -> RecordError:
+        """The error that this line deserves, ``meaning`` added to its text."""
+        return RecordError(
+            f"file of a printer {self.source}", f"{self.text!r}{meaning}", requirement, next_step
+        )
 
 
 def commands(texts: Texts, *codes: str) -> Iterator[CodeLine]:
@@ -89,18 +93,15 @@ def commands(texts: Texts, *codes: str) -> Iterator[CodeLine]:
             match = COMMAND.fullmatch(plain.upper())
             if match is None or match[1] not in codes:
                 continue
-            if not WORDS.fullmatch(match[2]):
-                raise RecordError(
-                    f"file of a printer {path.name}, line {number}",
-                    repr(plain),
-                    f"{match[1]} with letters and numbers",
-                    "Write numbers in the place of expressions.",
-                )
             values = {
                 letter: tuple(float(part) for part in numbers.strip("°").split(":") if part)
                 for letter, numbers in WORD.findall(match[2])
             }
-            yield CodeLine(path, number, plain, match[1], values)
+            line = CodeLine(path, number, plain, match[1], values)
+            if not WORDS.fullmatch(match[2]):
+                requirement = f"{match[1]} with letters and numbers"
+                raise line.fault(requirement, "Write numbers in the place of expressions.")
+            yield line
 
 
 def motor_steps(texts: Texts) -> Triple | None:
@@ -113,9 +114,7 @@ def motor_steps(texts: Texts) -> Triple | None:
         for tower in set("XYZ") & line.words.keys():
             steps[tower] = line.value(tower)
             if not steps[tower] > 0.0:
-                raise RecordError(
-                    f"file of a printer {line.source}", repr(line.text), "steps per mm above 0"
-                )
+                raise line.fault("steps per mm above 0")
     return (steps["X"], steps["Y"], steps["Z"]) if len(steps) == len("XYZ") else None
 
 

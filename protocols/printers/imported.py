@@ -12,7 +12,6 @@ import numpy as np
 
 from calib.arrays import FloatArray
 from calib.errors import RecordError, UsageError
-from protocols.distance_table import MeasuredDistance
 from protocols.machine import Instrument, Machine, machine_text
 from protocols.observations import BY_HAND, SAME_PLACE_MM
 from protocols.printers import klipper, marlin, repetier, reprapfirmware
@@ -20,7 +19,7 @@ from protocols.printers.gcode import Texts, read_printed
 from protocols.printers.tower_printer import LARGEST, OFF_PLATE_MM, Contact, FileContent, Pair
 from protocols.procedure import default_mount
 from protocols.session import Opened, Reading
-from protocols.table import is_table
+from protocols.table import MeasuredDistance, is_table
 
 SUBJECT = "file of a printer"
 STEEPEST = 0.1
@@ -171,13 +170,8 @@ def _content(paths: Sequence[Path], beside_mm: Pair) -> FileContent:
     """
     texts = [(path, read_printed(path, SUBJECT)) for path in paths]
     _refuse_twice(texts)
-    recognised = [[dialect.recognises(text) for _, text in texts] for dialect in DIALECTS]
-    best = max(range(len(DIALECTS)), key=lambda k: sum(recognised[k]))
-    strangers = [
-        path
-        for path, is_recognised in zip(paths, recognised[best], strict=True)
-        if not is_recognised
-    ]
+    dialect = max(DIALECTS, key=lambda dialect: sum(dialect.recognises(text) for _, text in texts))
+    strangers = [path for path, text in texts if not dialect.recognises(text)]
     if strangers:
         raise RecordError(
             f"{SUBJECT} {strangers[0]}",
@@ -186,7 +180,7 @@ def _content(paths: Sequence[Path], beside_mm: Pair) -> FileContent:
             "They are printer.cfg and the answers of PROBE (Klipper), config.g and those of G32 "
             "(RepRapFirmware), M503 with G30 or G33 (Marlin), M205 with G29 (Repetier).",
         )
-    return DIALECTS[best].content(texts, beside_mm)
+    return dialect.content(texts, beside_mm)
 
 
 def _refuse_twice(texts: Texts) -> None:
@@ -203,7 +197,7 @@ def _refuse_twice(texts: Texts) -> None:
 
 def _check(files: str, contacts: Sequence[Contact], machine: Machine) -> None:
     """Raises RecordError for the first contact that is none of this machine's, with its text."""
-    geometry, allowed = machine.geometry(), "contacts with one plate, of this machine"
+    geometry, requirement = machine.geometry(), "contacts with one plate, of this machine"
     off_mm = np.array([contact.place_mm[2] - contact.height_mm for contact in contacts])
     usual_mm = float(np.median(off_mm)) if len(contacts) else 0.0
     places_mm = np.array([contact.place_mm for contact in contacts]).reshape(-1, 3)
@@ -217,7 +211,7 @@ def _check(files: str, contacts: Sequence[Contact], machine: Machine) -> None:
             raise RecordError(
                 f"{SUBJECT} {files}",
                 f"{contact.text[:LETTERS]}: the tool at ({x:.6g}, {y:.6g}, {z:.6g}) mm, {reason}",
-                allowed,
+                requirement,
                 "Are these contacts of another geometry, or in another unit? Take out a place that "
                 "failed.",
             )

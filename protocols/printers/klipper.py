@@ -11,7 +11,7 @@ import configparser
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +19,10 @@ import numpy as np
 from calib.errors import RecordError, UnreachablePosture
 from calib.tripod import UPRIGHT_TOWERS
 from calib.tripod.geometry import USUAL_ANGLES_DEG
-from protocols.distance_table import MeasuredDistance
 from protocols.documents import MOST_EDITED_BYTES, Triple, triple
 from protocols.printers.gcode import NUMBER_END, Texts, read_printed
 from protocols.printers.tower_printer import OFF_PLATE_MM, Contact, FileContent, Pair, TowerPrinter
+from protocols.table import MeasuredDistance
 
 SAVED = "#*#"
 SAVED_HEADER = "#*# <---------------------- SAVE_CONFIG ---------------------->"
@@ -62,28 +62,19 @@ def recognises(text: str) -> bool:
     return is_config(text) or ANSWER.search(text) is not None
 
 
-def _parser() -> configparser.RawConfigParser:
-    return configparser.RawConfigParser(strict=False, inline_comment_prefixes=(";", "#"))
-
-
-@dataclass
 class Config:
     """Sections of a ``printer.cfg`` with its includes; of a key that is there twice the last.
 
-    The saved block has no say on keys that stand above it (klippy/configfile.py).
+    The saved block has no say on keys that stand above it (klippy/configfile.py). Raises
+    RecordError naming the file and what cannot be read of it.
     """
 
-    path: Path
-    parser: configparser.RawConfigParser = field(default_factory=_parser)
-    oddities: list[str] = field(default_factory=list)
-    included: int = 0
-
-    @classmethod
-    def read(cls, path: Path) -> Config:
-        """Raises RecordError naming the file and what cannot be read of it."""
-        config = cls(path)
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.parser = configparser.RawConfigParser(strict=False, inline_comment_prefixes=(";", "#"))
+        self.oddities: list[str] = []
+        self.included = 0
         plain, _, saved = read_printed(path, SUBJECT, MOST_EDITED_BYTES).partition(SAVED_HEADER)
-        config._add(path, plain, [path.resolve()])
         lines = saved.splitlines()
         strangers = [line for line in lines if line.strip() and not line.startswith(SAVED)]
         if strangers:
@@ -95,15 +86,9 @@ class Config:
             )
         block = "\n" * plain.count("\n")  # so that messages name the line of the file
         block += "\n".join(line.removeprefix(SAVED).removeprefix(" ") for line in lines)
-        below = _parser()
-        config._parse(path, re.sub(r"^DO NOT EDIT.*$", "", block, flags=re.MULTILINE), below)
-        for section in below.sections():  # what stands above, or is included there, wins
-            if not config.parser.has_section(section):
-                config.parser.add_section(section)
-            for key, value in below.items(section):
-                if not config.parser.has_option(section, key):
-                    config.parser.set(section, key, value)
-        return config
+        # first: what stands above, or is included there, wins
+        self._parse(path, re.sub(r"^DO NOT EDIT.*$", "", block, flags=re.MULTILINE))
+        self._add(path, plain, [path.resolve()])
 
     def _add(self, path: Path, text: str, inside: list[Path]) -> None:
         """A text and, in their places, the files that it includes."""
@@ -130,15 +115,13 @@ class Config:
             resolved = target.resolve()
             self.included += 1
             if resolved in inside or self.included > MOST_INCLUDES:
-                allowed = f"no file inside itself, {MOST_INCLUDES} files together"
-                raise RecordError(f"{SUBJECT} {path}", f"[include {name}]", allowed)
+                requirement = f"no file inside itself, {MOST_INCLUDES} files together"
+                raise RecordError(f"{SUBJECT} {path}", f"[include {name}]", requirement)
             self._add(target, read_printed(target, SUBJECT, MOST_EDITED_BYTES), [*inside, resolved])
 
-    def _parse(
-        self, path: Path, text: str, parser: configparser.RawConfigParser | None = None
-    ) -> None:
+    def _parse(self, path: Path, text: str) -> None:
         try:
-            (parser or self.parser).read_string(text, str(path))
+            self.parser.read_string(text, str(path))
         except configparser.Error as problem:
             line = (
                 getattr(problem, "lineno", None)
@@ -155,11 +138,11 @@ class Config:
         self, section: str, key: str, usual: float | None = None, *, above: float | None = None
     ) -> float:
         """A finite number. Raises RecordError where it is missing, no number, or not above."""
-        subject = f"{SUBJECT} {self.path}, [{section}] {key}"
         text = self.text(section, key)
         if text is None:
             if usual is None:
-                raise RecordError(subject, "nothing", "a number", "Add it as the printer has it.")
+                next_step = "Add it as the printer has it."
+                raise self.fault(section, key, "nothing", "a number", next_step)
             return usual
         try:
             value = float(text)
@@ -167,8 +150,15 @@ class Config:
             value = math.nan
         if not math.isfinite(value) or (above is not None and value <= above):
             limit = "" if above is None else f" above {above:g}"
-            raise RecordError(subject, repr(text), f"a finite number{limit}")
+            raise self.fault(section, key, repr(text), f"a finite number{limit}")
         return value
+
+    def fault(
+        self, section: str, key: str, value: str, requirement: str, next_step: str = ""
+    ) -> RecordError:
+        """The error that the value of a key deserves."""
+        subject = f"{SUBJECT} {self.path}, [{section}] {key}"
+        return RecordError(subject, value, requirement, next_step)
 
     def text(self, section: str, key: str) -> str | None:
         """What stands there; None: nothing."""
@@ -188,8 +178,8 @@ def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
     if len(paths) > 1:
         names = ", ".join(map(str, paths))
         raise RecordError(SUBJECT, names, "one printer.cfg; it includes the others")
-    config = Config.read(paths[0]) if paths else None
-    of_config = _content_of_config(paths[0], config) if config else FileContent(None, ())
+    config = Config(paths[0]) if paths else None
+    of_config = _content_of_config(config) if config else FileContent(None, ())
     contacts, oddities = [*of_config.contacts], [*of_config.oddities]
     for path, text in texts:
         if path not in paths:
@@ -200,24 +190,22 @@ def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
     return replace(of_config, contacts=tuple(contacts), oddities=tuple(oddities))
 
 
-def _content_of_config(path: Path, config: Config) -> FileContent:
+def _content_of_config(config: Config) -> FileContent:
     """What a ``printer.cfg`` holds. Raises RecordError for a machine without upright towers."""
     kinematics = config.text("printer", "kinematics") or "nothing"
     if kinematics != UPRIGHT_TOWERS:
-        raise RecordError(
-            f"{SUBJECT} {path}, [printer] kinematics",
-            kinematics,
-            f"{UPRIGHT_TOWERS}: three upright towers",
-            "Other printers are not calibrated here.",
-        )
-    printer, step_mm = _printer(path, config)
-    oddities = [*config.oddities]
-    contacts, distances = _measured(config, printer, step_mm, oddities)
+        requirement = f"{UPRIGHT_TOWERS}: three upright towers"
+        next_step = "Other printers are not calibrated here."
+        raise config.fault("printer", "kinematics", kinematics, requirement, next_step)
+    saved = SavedPlaces(config, *_printer(config))
+    contacts, distances = saved.measured()
     x_offset, y_offset, _ = _probe_offset_mm(config)
-    return FileContent(printer, contacts, tuple(oddities), distances, (x_offset, y_offset))
+    oddities = tuple(config.oddities)
+    return FileContent(saved.printer, contacts, oddities, distances, (x_offset, y_offset))
 
 
-def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Triple]:
+def _printer(config: Config) -> tuple[TowerPrinter, Triple]:
+    """The geometry, and the travel for one step of each tower, mm."""
     radius = config.number("printer", RADIUS, above=0.0)
     first_arm = config.number(STEPPERS[0], "arm_length", above=radius)
     first_stop = config.number(STEPPERS[0], "position_endstop")
@@ -238,8 +226,8 @@ def _printer(path: Path, config: Config) -> tuple[TowerPrinter, Triple]:
     has_radius = config.text("printer", "print_radius") is not None
     printable = config.number("printer", "print_radius", above=0.0) if has_radius else None
     printer = TowerPrinter(
-        f"{SUBJECT} {path}",
-        path.stem,
+        f"{SUBJECT} {config.path}",
+        config.path.stem,
         triple(arms),
         (radius, radius, radius),
         triple(stops),
@@ -256,8 +244,9 @@ def _turn_mm(config: Config, stepper: str) -> float:
     """Travel of a carriage for one turn of its motor: behind a gear it is less."""
     if config.text(stepper, "rotation_distance") is None:
         old = config.text(stepper, "step_distance")
-        raise RecordError(
-            f"{SUBJECT} {config.path}, [{stepper}] rotation_distance",
+        raise config.fault(
+            stepper,
+            "rotation_distance",
             "nothing" if old is None else f"step_distance: {old}, as Klipper had it before 2021",
             "the travel for one turn, in mm: without it steps have no length",
             "Give the printer.cfg that the printer starts with today.",
@@ -270,109 +259,102 @@ def _gearing(config: Config, stepper: str) -> float:
     for pair in filter(None, (part.strip() for part in text.split(","))):
         match = re.fullmatch(rf"{NUMBER}\s*:\s*{NUMBER}", pair)
         if match is None or not float(match[1]) > 0.0 or not float(match[2]) > 0.0:
-            raise RecordError(
-                f"{SUBJECT} {config.path}, [{stepper}] gear_ratio", repr(text), "such as 80:16"
-            )
+            raise config.fault(stepper, "gear_ratio", repr(text), "such as 80:16")
         ratio *= float(match[1]) / float(match[2])
     return ratio
 
 
-def _measured(
-    config: Config, printer: TowerPrinter, step_mm: Triple, oddities: list[str]
-) -> tuple[tuple[Contact, ...], tuple[MeasuredDistance, ...]]:
-    """Contacts and distances of the saved block; what is not used of it goes to ``oddities``."""
-    keys = config.keys(CALIBRATION)
-    keys_of_contacts: set[str] = set()
-    contacts, distances = [], []
-    for name in ("height", "manual_height"):
-        for key in _numbered(config, name, ("_pos",)):
-            keys_of_contacts |= {key, f"{key}_pos"}
-            contacts.append(_contact(config, printer, step_mm, key))
-    for key in _numbered(config, "distance", ("_pos1", "_pos2")):
-        keys_of_contacts |= {key, f"{key}_pos1", f"{key}_pos2"}
-        distances.append(_distance(config, printer, step_mm, key))
-    for key in keys:
-        if key not in keys_of_contacts and key not in SETTING_KEYS:
-            match = OF_CALIBRATION.match(key)
-            reason = "a number before it is missing" if match else "not known"
-            oddities.append(f"[{CALIBRATION}] {key}: {reason}")
-    return tuple(contacts), tuple(distances)
+@dataclass(frozen=True)
+class SavedPlaces:
+    """What DELTA_CALIBRATE saved: heights and distances at numbers of steps of ``step_mm`` each."""
 
+    config: Config
+    printer: TowerPrinter
+    step_mm: Triple
 
-def _numbered(config: Config, name: str, endings: Sequence[str]) -> Iterator[str]:
-    """Keys of that name from 0 up to the first that is missing, where Klipper stops, too.
+    def measured(self) -> tuple[tuple[Contact, ...], tuple[MeasuredDistance, ...]]:
+        """Contacts and distances; what is not used goes to the oddities of the configuration."""
+        keys_of_places = set(SETTING_KEYS)
+        contacts, distances = [], []
+        for name in ("height", "manual_height"):
+            for key in self._numbered(name, ("_pos",)):
+                keys_of_places |= {key, f"{key}_pos"}
+                contacts.append(self._contact(key))
+        for key in self._numbered("distance", ("_pos1", "_pos2")):
+            keys_of_places |= {key, f"{key}_pos1", f"{key}_pos2"}
+            distances.append(self._distance(key))
+        for key in self.config.keys(CALIBRATION):
+            if key not in keys_of_places:
+                match = OF_CALIBRATION.match(key)
+                reason = "a number before it is missing" if match else "not known"
+                self.config.oddities.append(f"[{CALIBRATION}] {key}: {reason}")
+        return tuple(contacts), tuple(distances)
 
-    Raises RecordError where one has no steps ``endings`` beside it.
-    """
-    keys = config.keys(CALIBRATION)
-    for number in range(MOST_HEIGHTS):
-        key = f"{name}{number}"
-        if key not in keys:
-            break
-        for end in endings:
-            if key + end not in keys:
-                raise RecordError(
-                    f"{SUBJECT} {config.path}, [{CALIBRATION}] {key}{end}",
-                    "nothing",
-                    f"three numbers of steps beside {key}",
-                )
-        yield key
+    def _numbered(self, name: str, endings: Sequence[str]) -> Iterator[str]:
+        """Keys of that name from 0 up to the first that is missing, where Klipper stops, too.
 
+        Raises RecordError where one has no steps ``endings`` beside it.
+        """
+        keys = self.config.keys(CALIBRATION)
+        for key in (f"{name}{number}" for number in range(MOST_HEIGHTS)):
+            if key not in keys:
+                break
+            for end in endings:
+                if key + end not in keys:
+                    requirement = f"three numbers of steps beside {key}"
+                    raise self.config.fault(CALIBRATION, key + end, "nothing", requirement)
+            yield key
 
-def _contact(config: Config, printer: TowerPrinter, step_mm: Triple, key: str) -> Contact:
-    height_mm = config.number(CALIBRATION, key)
-    place_mm = _place(config, printer, step_mm, f"{key}_pos", height_mm)
-    return Contact(
-        place_mm,
-        f"{key}: {height_mm:g}, {key}_pos: {config.text(CALIBRATION, f'{key}_pos')}",
-        height_mm,
-        max(step_mm),
-        "hand" if key.startswith("manual") else "probe",
-    )
+    def _contact(self, key: str) -> Contact:
+        height_mm = self.config.number(CALIBRATION, key)
+        return Contact(
+            self._place(f"{key}_pos", height_mm),
+            f"{key}: {height_mm:g}, {self._steps_words(f'{key}_pos')}",
+            height_mm,
+            max(self.step_mm),
+            "hand" if key.startswith("manual") else "probe",
+        )
 
+    def _distance(self, key: str) -> MeasuredDistance:
+        """Between places on the plate; the steps count from the switches, as those of heights."""
+        value_mm = self.config.number(CALIBRATION, key, above=0.0)
+        ends = [f"{key}_pos{end}" for end in (1, 2)]
+        first, second = (self._place(end, 0.0) for end in ends)
+        text = f"{key}: {value_mm:g}, {', '.join(map(self._steps_words, ends))}"
+        source = f"{SUBJECT} {self.config.path}, [{CALIBRATION}] {key}"
+        return MeasuredDistance(first, second, value_mm, text, source)
 
-def _distance(config: Config, printer: TowerPrinter, step_mm: Triple, key: str) -> MeasuredDistance:
-    """Between places on the plate; the steps count from the switches, as those of heights do."""
-    value_mm = config.number(CALIBRATION, key, above=0.0)
-    ends = [f"{key}_pos{end}" for end in (1, 2)]
-    first, second = (_place(config, printer, step_mm, end, 0.0) for end in ends)
-    steps = ", ".join(f"{end}: {config.text(CALIBRATION, end)}" for end in ends)
-    subject = f"{SUBJECT} {config.path}, [{CALIBRATION}] {key}"
-    return MeasuredDistance(first, second, value_mm, f"{key}: {value_mm:g}, {steps}", subject)
+    def _steps_words(self, key: str) -> str:
+        return f"{key}: {self.config.text(CALIBRATION, key)}"
 
+    def _place(self, key: str, height_mm: float) -> Triple:
+        """Where these steps lead to. Raises RecordError further than so much from the height."""
+        text = self.config.text(CALIBRATION, key) or ""
+        try:
+            steps = np.array([float(part) for part in text.split(",")])
+        except ValueError:
+            steps = np.array([math.nan])
+        if steps.shape != (3,) or not np.isfinite(steps).all():
+            requirement = "three numbers of steps, of a, b and c"
+            raise self.config.fault(CALIBRATION, key, repr(text), requirement)
+        try:
+            place = self.printer.tool_mm(self.printer.switches_mm - steps * np.array(self.step_mm))
+        except UnreachablePosture as problem:
+            raise self._elsewhere(key, "the bars do not meet there") from problem
+        x, y, z = (round(value, DECIMALS) + 0.0 for value in place)
+        if abs(z - height_mm) > OFF_PLATE_MM:
+            raise self._elsewhere(key, f"the tool at ({x:z.1f}, {y:z.1f}, {z:z.1f}) mm")
+        return x, y, z
 
-def _place(
-    config: Config, printer: TowerPrinter, step_mm: Triple, key: str, height_mm: float
-) -> Triple:
-    """Where these steps lead to. Raises RecordError further than so much from the height."""
-    subject = f"{SUBJECT} {config.path}, [{CALIBRATION}] {key}"
-    text = config.text(CALIBRATION, key) or ""
-    try:
-        steps = np.array([float(part) for part in text.split(",")])
-    except ValueError:
-        steps = np.array([math.nan])
-    if steps.shape != (3,) or not np.isfinite(steps).all():
-        raise RecordError(subject, repr(text), "three numbers of steps, of a, b and c")
-    carriages = printer.switches_mm - steps * np.array(step_mm)
-    try:
-        x, y, z = printer.tool_mm(carriages)
-    except UnreachablePosture as problem:
-        raise _elsewhere(subject, text, "the bars do not meet there") from problem
-    place_mm = round(x, DECIMALS) + 0.0, round(y, DECIMALS) + 0.0, round(z, DECIMALS) + 0.0
-    if abs(z - height_mm) > OFF_PLATE_MM:
-        at = ", ".join(f"{value:z.1f}" for value in place_mm)
-        raise _elsewhere(subject, text, f"the tool at ({at}) mm")
-    return place_mm
-
-
-def _elsewhere(subject: str, text: str, reason: str) -> RecordError:
-    return RecordError(
-        subject,
-        f"{text}: {reason}",
-        f"a place within {OFF_PLATE_MM:g} mm of the plate",
-        "These contacts are of another geometry: endstops, arms or steps changed since. Run "
-        "DELTA_CALIBRATE again, save, and import that.",
-    )
+    def _elsewhere(self, key: str, reason: str) -> RecordError:
+        return self.config.fault(
+            CALIBRATION,
+            key,
+            f"{self.config.text(CALIBRATION, key)}: {reason}",
+            f"a place within {OFF_PLATE_MM:g} mm of the plate",
+            "These contacts are of another geometry: endstops, arms or steps changed since. Run "
+            "DELTA_CALIBRATE again, save, and import that.",
+        )
 
 
 def _probe_offset_mm(config: Config) -> Triple:

@@ -59,12 +59,8 @@ def recognises(text: str) -> bool:
 def content(texts: Texts, beside_mm: Pair = (0.0, 0.0)) -> FileContent:
     """Geometry and contacts of these files together. Raises RecordError."""
     for line in commands(texts, "G20"):
-        raise RecordError(
-            f"file of a printer {line.source}",
-            f"{line.text!r}: lengths in inches",
-            "lengths in mm",
-            "Send G21, then M503 and the places again.",
-        )
+        next_step = "Send G21, then M503 and the places again."
+        raise line.fault("lengths in mm", next_step, meaning=": lengths in inches")
     oddities: list[str] = []
     printer = _printer(texts, oddities)
     offset = dict(zip(TOWERS, (*beside_mm, 0.0), strict=True))

@@ -147,9 +147,7 @@ def _printer(texts: Texts, answers: Answers) -> TowerPrinter | None:
     for line in commands(texts, "M665", "M666"):
         if line.command == "M665":
             if not line.words.keys() <= set(LETTERS):
-                raise RecordError(
-                    f"file of a printer {line.source}",
-                    repr(line.text),
+                raise line.fault(
                     f"M665 of RepRapFirmware, with {', '.join(LETTERS)}",
                     "Other firmware means other values by M665. Is this file of this printer?",
                 )

@@ -15,10 +15,10 @@ from pydantic import ValidationError
 from calib.arrays import FloatArray
 from calib.errors import RecordError
 from calib.tripod.geometry import FURTHEST_DEG, USUAL_ANGLES_DEG, trilaterate
-from protocols.distance_table import MeasuredDistance
 from protocols.documents import Triple, describe, triple
 from protocols.machine import Drive, Machine
 from protocols.procedure import USUAL_PRINTABLE_MM
+from protocols.table import MeasuredDistance
 
 OFF_PLATE_MM = 5.0
 """So far the tool may be above or below its plate in a contact: a machine that is off by more was
@@ -146,8 +146,8 @@ class TowerPrinter:
     def reach_mm(self) -> float:
         """The radius that is printed on: as stated, but no more than towers and bars allow."""
         radius = max(self.radius_mm)
-        allowed = min(radius, min(self.length_mm) - radius)
-        return min(self.printable_mm or allowed, allowed)
+        most_mm = min(radius, min(self.length_mm) - radius)
+        return min(self.printable_mm or most_mm, most_mm)
 
     @property
     def joints(self) -> tuple[Literal["x"], Literal["y"], Literal["z"]] | None:
@@ -168,7 +168,6 @@ class TowerPrinter:
         The probe is ``beside_mm`` the tool. Raises RecordError.
         """
         is_beside = any(beside_mm)
-        x, y = (self.towers_mm[:, k].tolist() for k in range(2))
         lengths = np.array(self.length_mm)
         half = float(round(0.5 * self.reach_mm))
         corners = np.array([[a * half, b * half, 0.0] for a in (-1, 1) for b in (-1, 1)])
@@ -181,7 +180,6 @@ class TowerPrinter:
         lowest = self._over_mm(places) + places[:, 2:] - self._raised_mm
         top = float(math.floor((self.switches_mm - over_corners).min() - 1.0))
         equal_bars = len(set(self.length_mm)) == 1
-        up: Triple = (0.0, 0.0, 1.0)
         try:
             return Machine(
                 name=self.name,
@@ -209,10 +207,17 @@ class TowerPrinter:
                 rotation_distance_mm=self.rotation_distance_mm,
                 steps_per_mm=self.steps_per_mm,
                 screw_lead_mm=self.turn_mm,
-                drive=(
-                    _drive(x[0], y[0], None if equal_bars else self.length_mm[0], up),
-                    _drive(x[1], y[1], None if equal_bars else self.length_mm[1], up),
-                    _drive(x[2], y[2], None if equal_bars else self.length_mm[2], up),
+                # an upright tower: only its distance from the platform's joint acts, and that is
+                # at the tool
+                drive=triple(
+                    Drive(
+                        origin_mm=(round(x, 6) + 0.0, round(y, 6) + 0.0, 0.0),
+                        direction=(0.0, 0.0, 1.0),
+                        leg_length_mm=None if equal_bars else length,
+                    )
+                    for (x, y, _), length in zip(
+                        self.towers_mm.tolist(), self.length_mm, strict=True
+                    )
                 ),
             )
         except ValidationError as problem:
@@ -228,12 +233,3 @@ class TowerPrinter:
         lengths = np.array(self.length_mm)
         square = (across**2).sum(axis=-1)
         return np.asarray(np.sqrt(lengths**2 - np.minimum(square, (NEAR_REACH * lengths) ** 2)))
-
-
-def _drive(x_mm: float, y_mm: float, length_mm: float | None, up: Triple) -> Drive:
-    """An upright tower; only its distance from the platform's joint acts: that is at the tool."""
-    return Drive(
-        origin_mm=(round(x_mm, 6) + 0.0, round(y_mm, 6) + 0.0, 0.0),
-        direction=up,
-        leg_length_mm=length_mm,
-    )

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from calib.errors import RecordError
-from protocols.distance_table import checked, distances_of_table
 from protocols.journal import write_whole
 from protocols.machine import load_machine
 from protocols.observations import measured_distances
 from protocols.record import read_record
 from protocols.session import Changed, Distance, Event, fold
+from protocols.table import checked_distances, distances_of_table
 from tests.app.cli import glidecal, refused
 from tests.conftest import LONG, ROOT
 
@@ -30,7 +30,7 @@ def table(folder: Path, *rows: str, header: str = HEADER) -> Path:
 
 def distances(folder: Path, *rows: str, header: str = HEADER) -> tuple[Distance, ...]:
     measured = distances_of_table(table(folder, *rows, header=header))
-    return checked(measured, load_machine("linear-delta").geometry(), 0.05)
+    return checked_distances(measured, load_machine("linear-delta").geometry(), 0.05)
 
 
 def test_rows_are_distances_with_their_own_deviation(tmp_path: Path) -> None:

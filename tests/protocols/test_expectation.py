@@ -155,7 +155,7 @@ def test_a_kept_outlier_does_not_make_the_next_one_questionable() -> None:
     assert due(raw, 60.0, then=[superseded])[0].mean_mm == pytest.approx(0.32, abs=0.001)
     (expectation,) = due(raw, 60.0, then=[superseded, restoration])
     assert expectation.mean_mm == pytest.approx(0.32, abs=0.01)
-    assert expectation.before.reading == 5
+    assert expectation.previous.reading == 5
 
 
 def test_no_machine_drifts_back_in_a_question() -> None:

@@ -68,6 +68,30 @@ def test_windows_line_ends_byte_order_mark_and_blank_rows(tmp_path: Path, text: 
     assert len(read(tmp_path, text)[0]) == 2
 
 
+@pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "SEP=;;;", "sep=,"])
+def test_a_first_line_that_names_the_separator_is_passed_over(tmp_path: Path, first: str) -> None:
+    rows = GOOD if "," in first else GOOD.replace(",", ";").replace(".", ",")
+    readings, unknown = read(tmp_path, f"{first}\n{rows}")
+    assert [r.value_mm for r in readings] == [0.10, 0.25]
+    assert unknown == ()
+    with pytest.raises(RecordError, match="line 5, column leg"):  # lines count as in an editor
+        read(tmp_path, f"{first}\n{rows}w{rows.splitlines()[-1][1:]}\n")
+
+
+@pytest.mark.parametrize("mark", ["|", "\t"])
+def test_another_separator_is_refused_with_its_line(tmp_path: Path, mark: str) -> None:
+    with pytest.raises(RecordError, match=r"line 1: found 'sep=.*'\. Allowed: sep=; or sep=,"):
+        read(tmp_path, f"sep={mark}\n{GOOD.replace(',', mark)}")
+
+
+@pytest.mark.parametrize("temperature", ["-273.16", "-280", "-300"])
+def test_a_temperature_below_absolute_zero_is_refused(tmp_path: Path, temperature: str) -> None:
+    with pytest.raises(RecordError, match=r"line 2, column temperature_c: .* absolute zero"):
+        read(tmp_path, f"{HEADER},temperature_c\nx,y,0,0.1,{temperature}\n")
+    readings, _ = read(tmp_path, f"{HEADER},temperature_c\nx,y,0,0.1,-273.15\n")
+    assert readings[0].temperature_c == -273.15
+
+
 def test_tabs_between_columns_are_told(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match=r"found tabs between columns\. Allowed: commas"):
         read(tmp_path, "leg\taxis\tdisplacement_mm\tvalue_mm\nx\ty\t0\t1\n")

@@ -14,7 +14,6 @@ from app.report.certificate import CertificateHead, Certified
 from app.version import version
 from calib.errors import UsageError
 from calib.printable import printable
-from protocols.dates import is_dated, measured_days
 
 COVERAGE_PROBABILITY = 0.95
 
@@ -88,8 +87,8 @@ def certificate_xml(certified: Certified, results: Iterable[Result]) -> str:
         decisions=[pair for pair in certified.decisions.items() if pair[1]],
         order=head.order,
         laboratory=head.laboratory,
-        days=sorted(day for r in records for day in measured_days(r.opened, r.readings)),
-        dated=all(is_dated(record.opened) for record in records),
+        days=sorted(day for r in records for day in r.opened.measured_days(r.readings)),
+        dated=all(record.opened.is_dated for record in records),
         procedures=dict.fromkeys(r.procedure or "table of readings" for r in records),
         temperatures=[
             CertifiedValue(f"temperature, {r.name}", r.temperature_c, UNITS["°C"])

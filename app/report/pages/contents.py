@@ -42,7 +42,6 @@ from calib.arrays import LEG_NAMES
 from calib.diagnosis.vectors import vector_maps
 from calib.identify.solution import Solution
 from calib.printable import printable
-from protocols.dates import measured_words
 from protocols.machine import Machine
 from protocols.procedure import Step
 from protocols.session import Reading, Session
@@ -146,7 +145,7 @@ def _sessions(sessions: Sequence[Session], counted: Mapping[str, int]) -> list[T
     contacts = all(session.of_contacts for session in sessions)
     rows: dict[str, Iterable[str]] = {
         "origin": (record.origin for record in opened),
-        "began": (measured_words(record, "%Y-%m-%d %H:%M %Z") for record in opened),
+        "began": (record.measured_words("%Y-%m-%d %H:%M %Z") for record in opened),
         "operator": (record.operator for record in opened),
         "temperature": (celsius_words(record.temperature_c) for record in opened),
         "procedure": (record.procedure.name if record.procedure else "" for record in opened),

@@ -16,7 +16,6 @@ from app.report.text.printer import change_tables
 from app.report.text.result import DECISION_RULE, decided, offsets_table, what_to_do
 from app.report.text.tables import new_table
 from calib.printable import printable
-from protocols.dates import day_words
 
 LONGEST, LONGEST_ENTRY, LONGEST_CELL = 220, 60, 28
 """Letters of a sentence, an entry and a narrow cell on these pages; the annex has the whole."""
@@ -80,7 +79,7 @@ def _object(certified: Certified, name: str, facts: Iterable[Fact]) -> Table:
     table = new_table("object", shortened(name), left_columns=2)
     for heading, values in (
         *_ordered_facts(certified.head, certified.serial_numbers),
-        ("measured", dict.fromkeys(day_words(r.opened, r.readings) for r in records)),
+        ("measured", dict.fromkeys(r.opened.day_words(r.readings) for r in records)),
         ("operator", dict.fromkeys(record.operator for record in records)),
         ("temperature", dict.fromkeys(celsius_words(r.temperature_c) for r in records)),
         ("procedure", dict.fromkeys(record.procedure for record in records)),

@@ -51,7 +51,6 @@ from calib.posterior.correction import Holds, LeftOut
 from calib.posterior.models import LikelyMistake
 from calib.quantity import rows
 from calib.tripod.workspace import PlaneMap
-from protocols.dates import measured_at
 from protocols.machine import Frame, Instrument
 from protocols.session import Session
 
@@ -213,7 +212,7 @@ class MeasuredSession(Report):
     of = Source[Session]()
     origin: str = of(lambda r: r.opened.origin)
     begun: datetime = of(
-        lambda r: measured_at(r.opened),
+        lambda r: r.opened.measured_at,
         "of an imported table the stated day, else when it was imported",
     )
     operator: str = of(lambda r: r.opened.operator)

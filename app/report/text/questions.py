@@ -51,7 +51,7 @@ def _off_lines(step_taken: TakenStep, session: Session) -> list[str]:
     lines = []
     for line, reading, due in zip(readings, step_taken.readings, step_taken.due, strict=True):
         if step_taken.doubt is not Doubt.BEYOND:
-            line += f", {signed(reading.value_mm - due.before.value_mm, 4)} mm since {previous}"
+            line += f", {signed(reading.value_mm - due.previous.value_mm, 4)} mm since {previous}"
         elif due.is_beyond(reading.value_mm):
             line += f" where {signed(due.mean_mm)} ± {uncertain(due.limit_mm)} mm is expected"
         lines.append(line)
@@ -62,7 +62,7 @@ def _before(step_taken: TakenStep, session: Session) -> str:
     """The posture before the step."""
     if not step_taken.due:
         return ""
-    previous = step_taken.due[0].before
+    previous = step_taken.due[0].previous
     posture = posture_words(previous.posture_mm, session.opened.machine.geometry())
     return f"{posture} {previous.station:g}" if step_taken.step.over_plane else posture
 

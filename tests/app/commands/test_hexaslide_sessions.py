@@ -12,6 +12,7 @@ import shutil
 import signal
 import sys
 import time
+import tomllib
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -38,6 +39,7 @@ from drivers.twins import IndicatorTwin, TwinPort
 from protocols.hexaslide import load_hexaslide
 from protocols.hexaslide_session import (
     POSTURE_FORM,
+    PROCEDURES,
     PostureSession,
     SimulatedPostures,
     commands,
@@ -451,6 +453,28 @@ def test_wrong_requests_are_told(pose: Path, tmp_path: Path) -> None:
         *("1", "300.000", "-701.418", "-1170.052", "-15.000", "15.000", "30.000"),
         *("450.3451", "302.7620", "678.5024", "603.2283", "383.8239", "384.8398"),
     ]
+
+
+def test_lengths_in_another_unit_are_asked_for(tmp_path: Path) -> None:
+    out, shipped = tmp_path / "out.jsonl", PROCEDURES / "position.toml"
+    metres = tmp_path / "metres.toml"
+    rows = [
+        [
+            float(number) / factor
+            for number, factor in zip(row, (1e3, 1e3, 1e3, 1, 1, 1), strict=True)
+        ]
+        for row in tomllib.loads(shipped.read_text(encoding="utf-8"))["postures"]
+    ]
+    head = shipped.read_text(encoding="utf-8").partition("postures = [")[0]
+    metres.write_text(f"{head}postures = {rows}\n", encoding="utf-8")
+    message = refused(3, *RUN, str(metres), "-o", out)
+    assert "lengths 1000 times as large: are they in the unit of the file?" in message
+    assert "A procedure file has millimetres" in message
+    millimetres = tmp_path / "millimetres.csv"
+    millimetres.write_text(f"{HEADER}\n0,-800,-1000,0,0,0\n", encoding="utf-8")
+    message = refused(3, *RUN, "position", "--posture-file", millimetres, "-o", out)
+    assert "a thousandth as large" in message
+    assert not out.exists()
 
 
 def _digits(text: str) -> list[str]:

@@ -87,7 +87,8 @@ def test_mistakes_of_the_set_up_are_found_before_the_second_reading_of_a_leg() -
 def beyond(due: Sequence[ExpectedReading], change_mm: Sequence[float]) -> bool:
     pairs = zip(due, change_mm, strict=True)
     return any(
-        expectation.is_beyond(expectation.before.value_mm + change) for expectation, change in pairs
+        expectation.is_beyond(expectation.previous.value_mm + change)
+        for expectation, change in pairs
     )
 
 

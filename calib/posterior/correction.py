@@ -244,7 +244,7 @@ def doubt(
 
     What no reading of a leg shows of the frame is no reason against what they do show.
     """
-    weight = np.array([model.weight for model in errors.models])
+    weight = errors.weight
     loss_mm2 = errors.expected(without) - errors.expected(with_it)
     gain = float(weight @ loss_mm2)
     without_mm2 = errors.seen.expected_mm(without) ** 2

@@ -38,8 +38,8 @@ def alias_map(model: Model, planned: Observations, effects: Sequence[Effect]) ->
     problem, ids = PosteriorProblem.of((cells,), effects), {effect.id for effect in effects}
     leftover = Leftover.about_rows((cells,), problem.rows)
     compared = [
-        (component, problem.columns[:, index])
-        for component, index in zip(problem.components, problem.index, strict=True)
+        (component, problem.linear.columns[:, index])
+        for component, index in zip(problem.components, problem.linear.index, strict=True)
         if component.kind in NAMES and component.id in ids and component.candidate
         if component.candidate.arrangement != "each" and "axes" not in component.where
     ]

@@ -167,8 +167,7 @@ class WeighedCauses:
 
     def index(self, entry: ModelEntry) -> IntArray:
         """Which of all columns of causes are a model's ``(r,)``."""
-        columns = (self.selection.columns[k] for k in entry.members)
-        return np.concatenate([np.zeros(0, dtype=np.intp), *columns])
+        return self.selection.columns_of(entry.key)[0]
 
     def columns(self, entry: ModelEntry) -> FloatArray:
         """What a model's values do to the readings ``(n, r)``."""
@@ -179,8 +178,7 @@ class WeighedCauses:
         """Mean ``(r,)`` and covariance ``(r, r)`` of a model's values, in unremarkable sizes; of
         adopted effects what they differ by from ``stated``.
         """
-        index = self.index(entry)
-        scale = np.repeat(entry.scales, [len(self.selection.columns[k]) for k in entry.members])
+        index, scale = self.selection.columns_of(entry.key)
         inner = self.selection.products.inner[np.ix_(index, index)] + np.diag(scale**-2.0)
         covariance = np.asarray(np.linalg.inv(inner), dtype=np.float64)
         return np.asarray(covariance @ self.selection.products.along[index]), covariance
@@ -345,8 +343,11 @@ def _weighed(
         np.divide(effect.values, cause.size) if effect else np.zeros(len(cause.names))
         for effect, cause in zip(places, causes, strict=True)
     ]
-    members = tuple(k for k, effect in enumerate(places) if effect and not effect.held)
-    scales = tuple(max(ADOPTED, float(np.abs(stated[k]).max())) for k in members)
+    free = (
+        (k, max(ADOPTED, float(np.abs(stated[k]).max())))
+        for k, effect in enumerate(places)
+        if effect and not effect.held
+    )
     models = WeighedCauses(
         readings=readings,
         calibration=calibrated,
@@ -365,7 +366,7 @@ def _weighed(
         weights_of_names={},
         adopted=tuple(adopted),
         stated=np.concatenate(stated),
-        free=ModelEntry(members, scales, 0.0),
+        free=ModelEntry(tuple(free), 0.0),
     )
     if models.spare < FEWEST_SPARE:
         return models
@@ -394,15 +395,11 @@ def _entries(
     selection: ModelSelection, free: ModelEntry, looked_for: Sequence[int]
 ) -> Iterator[ModelEntry]:
     """Models of causes ``looked_for``, the ``free`` ones in each of them."""
-    index = np.concatenate(
-        [np.zeros(0, dtype=np.intp), *(selection.columns[k] for k in free.members)]
-    )
-    scale = np.repeat(free.scales, [len(selection.columns[k]) for k in free.members])
-    taken, products = selection.products.taken_by(index, scale, slice(None)), selection.products
+    (shown, along, _), products = selection.explained_by(free.key), selection.products
     beside = Products(
-        products.inner - taken.shown.T @ taken.shown,
-        products.along - taken.along @ taken.shown,
-        products.square - float(taken.along @ taken.along),
+        products.inner - shown.T @ shown,
+        products.along - along @ shown,
+        products.square - float(along @ along),
     )
     columns, prior = [selection.columns[k] for k in looked_for], selection.log_prior[[*looked_for]]
     further = replace(
@@ -413,8 +410,8 @@ def _entries(
         acting=len(free.members),
     )
     for entry in further.entries(FAINTEST):
-        members = tuple(looked_for[k] for k in entry.members)
-        yield ModelEntry((*members, *free.members), (*entry.scales, *free.scales), entry.log_weight)
+        members = ((looked_for[k], scale) for k, scale in entry.key)
+        yield ModelEntry((*members, *free.key), entry.log_weight)
 
 
 def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
@@ -460,13 +457,13 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
 
 def _selection(about: About, causes: tuple[HexaSlideCause, ...], free: int) -> ModelSelection:
     columns = about.left_by(np.hstack([cause.columns for cause in causes]))
-    products = Products(columns.T @ columns, columns.T @ about.left, float(about.left @ about.left))
     widths = [cause.columns.shape[1] for cause in causes]
     starts = np.cumsum([0, *widths[:-1]])
     index = [np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)]
     places = Counter(name for name, _ in {(cause.id, cause.where) for cause in causes})
     # each kind is as likely, and so is each of its places
     prior = [math.log(cause.share / (len(places) * places[cause.id])) for cause in causes]
+    products = Products.of(columns, about.left)
     return ModelSelection(products, index, np.array(prior), free, math.inf)
 
 

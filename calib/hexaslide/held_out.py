@@ -34,7 +34,7 @@ def left_out_gap(models: WeighedCauses, names: Names) -> LeftOutGap | None:
         return None
     best = models.entries[0]
     widths = [len(models.selection.columns[k]) for k in best.members]
-    scaled = models.columns(best) * np.repeat(best.scales, widths)
+    scaled = models.columns(best) * models.selection.columns_of(best.key)[1]
     of_model = np.repeat([k in models.free.members for k in best.members], widths)
     is_named = [(models.causes[k].id, models.causes[k].where) in names for k in best.members]
     of_names = np.repeat(is_named, widths)

@@ -189,13 +189,12 @@ def reached(
 
 def _plays_mm(model: WeightedModel, components: Sequence[Component]) -> dict[str, float]:
     """How large a model's play of each carriage may be, `REACHES` above its mean."""
-    at, play_mm = len(model.base), dict[str, float]()
-    for k in model.members:
+    play_mm = dict[str, float]()
+    for k, places in model.places(components).items():
         for share in components[k].shares:
             if share.effect.id == Backlash.id:
-                first = at + share.values[0]
+                first = places.start + share.values[0]
                 variance = float(model.variance_at(slice(first, first + 1))[0])
                 size = abs(float(model.mean[first])) + REACHES * math.sqrt(variance)
                 play_mm[share.place] = play_mm.get(share.place, 0.0) + size
-        at += len(components[k].unit)
     return play_mm

@@ -37,7 +37,7 @@ from calib.posterior.tool import Frame
 from calib.posterior.tool_errors import KEPT, InField
 from calib.stats import root_quantile
 from calib.tripod.effects.candidates import placed_columns
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance, Placed
 from calib.tripod.pipeline import Model
 
 HEAVIEST = 48
@@ -145,7 +145,7 @@ class Forecast:
         of_key: dict[tuple[int, float], list[int]] = {}
         for k in models:
             model, size_mm = self.posterior.models[int(self.numbers[k])], 0.0
-            for member, scale in zip(model.members, model.scales, strict=True):
+            for member, scale in model.key:
                 if self.posterior.components[member].id == ELSE:
                     size_mm = scale * float(self.posterior.components[member].unit[0])
             of_key.setdefault((id(self.fields[k].base_root), size_mm), []).append(k)
@@ -174,12 +174,10 @@ class Forecast:
             )
             remainder -= self.posterior.start
             remainder[:BASE] = 0.0
-            effects = []
-            for member, at in zip(model.members, self.posterior.starts(model), strict=True):
-                component = self.posterior.components[member]
-                values = model.mean[at : at + len(component.unit)]
-                remainder -= self.posterior.into_field[member] @ values
-                effects += list(component.effects(values))
+            effects: list[EffectInstance] = []
+            for member, places in model.places(self.posterior.components).items():
+                remainder -= self.posterior.into_field[member] @ model.mean[places]
+                effects += self.posterior.components[member].effects(model.mean[places])
             parameters = np.concatenate([model.mean[first : first + 3], model.mean[:LENGTHS]])
             machine = nominal.with_effects((*nominal.effects, *effects)).with_parameters(parameters)
             machines.append((machine, remainder))

@@ -12,7 +12,6 @@ from calib.errors import NotIdentifiable
 from calib.identify.fit import design_of
 from calib.noise.repeats import Repeats, typical_mm2
 from calib.posterior.cells import BASE, Cells
-from calib.tripod.pipeline import Model
 
 LOOSE = 6.0
 """Variance of repeats over that of their usual difference; with heavy tails it is 2 to 3."""
@@ -36,12 +35,27 @@ class Screen:
     freedom: float
     left: FloatArray
     square: float
-    elsewhere: tuple[float, float] = (0.0, 0.0)
+    elsewhere: tuple[float, float]
 
     @classmethod
-    def of(cls, cells: Cells, columns: FloatArray, root: FloatArray) -> Screen:
-        """Beside columns ``(n_cells, r)``; ``root`` ``(n,)`` are standard deviations, mm."""
-        visits, model, cell = cells.visits, _plain(cells), cells.cell
+    def of(
+        cls,
+        cells: Cells,
+        columns: FloatArray | None = None,
+        root: FloatArray | None = None,
+        elsewhere: tuple[float, float] = (0.0, 0.0),
+    ) -> Screen:
+        """Beside columns ``(n_cells, r)``, None: none.
+
+        ``root`` ``(n,)`` are standard deviations, mm, None: those of `even_mm`.
+        """
+        visits, cell = cells.visits, cells.cell
+        root = even_mm(cells) if root is None else root
+        columns = np.zeros((len(cells.means), 0)) if columns is None else columns
+        try:
+            model = cells.model
+        except NotIdentifiable:  # where labels are too wrong for a fit, the model of the session
+            model = cells.case.model
         base_root, count = cells.case.base_root, BASE + columns.shape[1]
         derivatives = design_of(model, cells.means, range(BASE), ()) @ base_root
         zeros = np.hstack([incidence(visits.mount), tilts(visits)])
@@ -53,7 +67,7 @@ class Screen:
         expected[:BASE] = np.linalg.solve(base_root, departure)
         freedom = len(visits) - zeros.shape[1] - 3.0
         predicted = model.readings(cells.means)[cell]
-        blank = cls(cells, predicted, root, basis, expected, freedom, np.zeros(0), 0.0)
+        blank = cls(cells, predicted, root, basis, expected, freedom, np.zeros(0), 0.0, elsewhere)
         remainder = blank.left_of(visits.value_mm[:, None])[:, 0]
         return replace(blank, left=remainder, square=float(remainder @ remainder))
 
@@ -73,14 +87,6 @@ class Screen:
         half = max(self.freedom + free - fewer, 1.0) / 2.0  # of fewer readings than unknowns
         total = np.maximum(square, 1e-9) + elsewhere_square
         return np.asarray(math.lgamma(half) - half * np.log(total / 2.0))
-
-
-def _plain(cells: Cells) -> Model:
-    """The fit without effects; where labels are too wrong for one, the model of the session."""
-    try:
-        return cells.model
-    except NotIdentifiable:
-        return cells.case.model
 
 
 def even_mm(cells: Cells) -> FloatArray:

@@ -203,4 +203,5 @@ class ToolErrors:
 
     def bound_mm(self, values: FloatArray) -> float:
         """What a machine keeps 95 times in 100 with these values entered (`KEPT`)."""
-        return root_quantile(*self.distances(values).T, KEPT)
+        weight, mean, variance = self.distances(values).T
+        return root_quantile(weight, mean, variance, KEPT)

@@ -151,7 +151,7 @@ class Forecast:
             of_key.setdefault((id(self.fields[k].base_root), size_mm), []).append(k)
         rows_of_field = np.vstack([self.shown, self.entered])
         return [
-            Group.of(rows, [self.fields[k] for k in rows], size_mm, self._about, rows_of_field)
+            Group(rows, [self.fields[k] for k in rows], size_mm, self._about, rows_of_field)
             for (_, size_mm), rows in of_key.items()
         ]
 
@@ -270,7 +270,7 @@ class Forecast:
 
     def after_mm(self, readings: ExpectedReadings) -> float:
         """The bound after these readings, the mean over the models that may be true."""
-        updated = [group.updated(readings, self.followed) for group in self.groups]
+        updated = [UpdatedGroup(group, readings, self.followed) for group in self.groups]
         place = {
             k: (update, j) for update in updated for j, k in enumerate(update.group.rows.tolist())
         }
@@ -298,7 +298,7 @@ class Forecast:
         place = [order.index(k) for k in models]
         matrices = []
         for readings in measurements:
-            updated = [group.updated(readings, self.followed) for group in groups]
+            updated = [UpdatedGroup(group, readings, self.followed) for group in groups]
             expected = np.hstack([update.expected for update in updated])[:, place]
             squares = np.hstack([update.squares(expected) for update in updated])
             matrices.append(np.asarray(squares[:, place]))

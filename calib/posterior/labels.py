@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 
@@ -21,7 +21,7 @@ from calib.arrays import FloatArray, IntArray, Observations, numbered, without_m
 from calib.errors import NotIdentifiable
 from calib.posterior.apart import LEAST, PRIOR, TRIED, Mistake, Scored, readings_apart
 from calib.posterior.cells import Cells
-from calib.posterior.exchanges import LabelExchange, exchanges
+from calib.posterior.exchanges import exchanges
 from calib.posterior.problem import SolvedSessions, Way
 from calib.posterior.screening import Screen, even_mm
 from calib.tripod.effects.effect import Effect
@@ -70,9 +70,9 @@ def suspects(solved_sessions: SolvedSessions, number: int, *, depart: bool) -> l
     """
     now, problem = solved_sessions.way.sessions, solved_sessions.problem
     cells, log_evidence = now[number], solved_sessions.log_evidence
-    others = [Screen.of(other) for other in (*now[:number], *now[number + 1 :])]
+    others = [Screen(other) for other in (*now[:number], *now[number + 1 :])]
     elsewhere = sum(screen.square for screen in others), sum(screen.freedom for screen in others)
-    screened = partial(Screen.of, cells, root=even_mm(cells), elsewhere=elsewhere)
+    screened = partial(Screen, cells, root=even_mm(cells), elsewhere=elsewhere)
     rivals = [(log, screened(columns)) for log, columns in problem.rivals(number, alone=False)]
     scored: list[Scored] = []
     moved: MovedReadings | None = None
@@ -81,7 +81,7 @@ def suspects(solved_sessions: SolvedSessions, number: int, *, depart: bool) -> l
         fits = screen.freedom + FITS * math.sqrt(2.0 * max(screen.freedom, 0.0))
         # a contact is a place: it has no indicator, sign or unit, and no label beside it
         if screen.square > fits and not cells.visits.contact.any():
-            moved = moved or MovedReadings.of(screen)
+            moved = moved or MovedReadings(screen)
             scores += moved.scores(screen)
         scored += [(log_weight + score, mistake) for score, mistake in scores]
     for log_weight, columns in problem.rivals(number, alone=True) if depart else ():
@@ -135,39 +135,28 @@ def _fitted(
 def _gain(plain: Screen, mistake: Mistake) -> float:
     """Log likelihood that an exchange adds by its own plain fit, its prior included."""
     right = Cells.of_visits(plain.cells.case, mistake.visits)
-    refit = Screen.of(right, root=plain.root)
+    refit = Screen(right, root=plain.root)
     gain = plain.log_likelihood(refit.square) - plain.log_likelihood(plain.square)
     return float(gain) + mistake.log_prior
 
 
-@dataclass(frozen=True, eq=False)
 class MovedReadings:
-    """Exchanges of a session that change what is read, and the values ``(n, k)`` of each."""
+    """Exchanges of a session that change what is read, and the values ``(n, k)`` of each.
 
-    visits: Observations
-    every: list[LabelExchange]
-    values_mm: FloatArray
-    places: Counter[str]
+    They are as many as memory has room for at once.
+    """
 
-    @classmethod
-    def of(cls, screen: Screen) -> MovedReadings:
-        """The exchanged readings, as many exchanges as memory has room for at once."""
-        visits = screen.cells.visits
+    def __init__(self, screen: Screen) -> None:
+        self.visits = visits = screen.cells.visits
         candidates = list(islice(exchanges(visits), MOST_VALUES // max(len(visits), 1)))
         put_right = [exchange.put_right(visits.value_mm) for exchange in candidates]
         values = np.array(put_right).reshape(len(candidates), len(visits)).T
         change = values - visits.value_mm[:, None]
         change = np.abs(without_means(visits.mount, visits.averaged, change)).max(axis=0)
         large = change > LEAST_CHANGED * np.median(screen.root)
-        exchanges_that_move = [
-            exchange for exchange, counts in zip(candidates, large.tolist(), strict=True) if counts
-        ]
-        return cls(
-            visits,
-            exchanges_that_move,
-            values[:, large],
-            Counter(exchange.id for exchange in candidates),
-        )
+        self.every = [candidates[k] for k in np.flatnonzero(large)]
+        self.values_mm = values[:, large]
+        self.places = Counter(exchange.id for exchange in candidates)
 
     def scores(self, screen: Screen) -> Iterator[Scored]:
         """Exchanges that leave least, and the log likelihood that each adds, with its prior."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +16,6 @@ LOOSE = 6.0
 """Variance of repeats over that of their usual difference; with heavy tails it is 2 to 3."""
 
 
-@dataclass(frozen=True, eq=False)
 class Screen:
     """Visits of one session about its plain model: what is left of other values of its rows.
 
@@ -27,30 +25,20 @@ class Screen:
     ``elsewhere`` are sum of squares and degrees of freedom of other sessions: one noise is theirs.
     """
 
-    cells: Cells
-    predicted_mm: FloatArray
-    root: FloatArray
-    basis: FloatArray
-    expected: FloatArray
-    freedom: float
-    left: FloatArray
-    square: float
-    elsewhere: tuple[float, float]
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         cells: Cells,
         columns: FloatArray | None = None,
         root: FloatArray | None = None,
         elsewhere: tuple[float, float] = (0.0, 0.0),
-    ) -> Screen:
+    ) -> None:
         """Beside columns ``(n_cells, r)``, None: none.
 
         ``root`` ``(n,)`` are standard deviations, mm, None: those of `even_mm`.
         """
         visits, cell = cells.visits, cells.cell
-        root = even_mm(cells) if root is None else root
+        self.cells, self.elsewhere = cells, elsewhere
+        self.root = even_mm(cells) if root is None else root
         columns = np.zeros((len(cells.means), 0)) if columns is None else columns
         try:
             model = cells.model
@@ -59,17 +47,17 @@ class Screen:
         base_root, count = cells.case.base_root, BASE + columns.shape[1]
         derivatives = design_of(model, cells.means, range(BASE), ()) @ base_root
         zeros = np.hstack([incidence(visits.mount), tilts(visits)])
-        columns_of_visits = np.hstack([zeros, derivatives[cell], columns[cell]]) / root[:, None]
+        columns_of_visits = np.hstack([zeros, derivatives[cell], columns[cell]])
         below = np.hstack([np.zeros((count, zeros.shape[1])), np.eye(count)])
-        basis = np.linalg.qr(np.vstack([columns_of_visits, below]))[0]
-        expected = np.zeros(count)
+        rows = np.vstack([columns_of_visits / self.root[:, None], below])
+        self.basis = np.linalg.qr(rows)[0]
+        self.expected = np.zeros(count)
         departure = np.array(cells.case.model.parameters_mm) - model.parameters_mm
-        expected[:BASE] = np.linalg.solve(base_root, departure)
-        freedom = len(visits) - zeros.shape[1] - 3.0
-        predicted = model.readings(cells.means)[cell]
-        blank = cls(cells, predicted, root, basis, expected, freedom, np.zeros(0), 0.0, elsewhere)
-        remainder = blank.left_of(visits.value_mm[:, None])[:, 0]
-        return replace(blank, left=remainder, square=float(remainder @ remainder))
+        self.expected[:BASE] = np.linalg.solve(base_root, departure)
+        self.freedom = len(visits) - zeros.shape[1] - 3.0
+        self.predicted_mm = model.readings(cells.means)[cell]
+        self.left = self.left_of(visits.value_mm[:, None])[:, 0]
+        self.square = float(self.left @ self.left)
 
     def left_of(self, value_mm: FloatArray) -> FloatArray:
         """What is left ``(n + p, k)`` of values ``(n, k)``."""

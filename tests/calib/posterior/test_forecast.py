@@ -120,7 +120,7 @@ class Known:
         after = {
             forecast.numbers.tolist()[k]: (updated, j)
             for group in forecast.groups
-            for updated in [group.updated(readings, forecast.followed)]
+            for updated in [UpdatedGroup(group, readings, forecast.followed)]
             for j, k in enumerate(group.rows.tolist())
         }
         order = np.argsort([-model.weight for model in result.models]).tolist()
@@ -221,7 +221,7 @@ def test_each_model_expects_the_readings_of_its_own_machine(
     linear = {
         k: updated.expected[:, j]
         for group in forecast.groups
-        for updated in [group.updated(readings, forecast.followed)]
+        for updated in [UpdatedGroup(group, readings, forecast.followed)]
         for j, k in enumerate(group.rows.tolist())
         if k not in forecast.followed
     }
@@ -244,7 +244,7 @@ def test_readings_that_separate_names_lower_the_bound(unsure: Posterior) -> None
     forecast = Forecast.of(unsure, FRAME, OFFSETS)
     (readings,) = forecast.readings([TAKEN])
     assert forecast.after_mm(readings) < 0.9 * forecast.now_mm
-    updated = [group.updated(readings, forecast.followed) for group in forecast.groups]
+    updated = [UpdatedGroup(group, readings, forecast.followed) for group in forecast.groups]
     for true in updated:
         for j, k in enumerate(true.group.rows.tolist()):
             weight = forecast.weight_if(updated, true, j)

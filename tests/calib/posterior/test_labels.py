@@ -185,7 +185,7 @@ def test_the_single_readings_that_are_tried_are_those_whose_omission_leaves_leas
     session = case(SWEEP, seed=3)
     value = session.observations.value_mm + np.random.default_rng(3).normal(0.0, 0.02, len(SWEEP))
     cells = Cells.of(with_values(session, value))
-    screen = Screen.of(cells)
+    screen = Screen(cells)
     count = len(cells.visits)
     without_one = []
     for row in range(count):
@@ -204,8 +204,8 @@ def test_exchanges_beside_one_name_are_those_that_leave_the_plain_fit_least() ->
     """Of all of them, one by one by least squares."""
     session = case(SWEEP, EffectInstance(Backlash(), "y", (0.04,)), seed=4)
     cells = Cells.of(session)
-    screen = Screen.of(cells)
-    moved, log_weights = MovedReadings.of(screen), []
+    screen = Screen(cells)
+    moved, log_weights = MovedReadings(screen), []
 
     def with_one_name(change_mm: FloatArray) -> FloatArray:
         log_weights.append(change_mm)

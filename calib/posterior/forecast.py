@@ -246,10 +246,10 @@ class Forecast:
             columns[:, :BASE] = design_of(model, conditions, range(BASE), ())
         else:
             columns = start.copy()
-        laws_of_field = self.posterior.field.placed if laws is None else laws
+        laws_of_field = self.posterior.field.columns if laws is None else laws
         effects = list(dict.fromkeys(effect for effect, _ in laws_of_field))
         for law, derivatives in placed_columns(model, conditions, effects, laws_of_field).items():
-            columns[:, list(self.posterior.field.columns_of(law))] = derivatives
+            columns[:, self.posterior.field.columns[law]] = derivatives
         return columns
 
     def _whitening(self, conditions: Conditions, count: FloatArray) -> FloatArray:

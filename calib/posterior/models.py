@@ -162,9 +162,7 @@ class Posterior:
         """Effects ``(f,)`` that the model of the sessions has, in the tool's field."""
         start = np.zeros(self.field.rows.shape[1])
         for instance in effects_of_tool(self.sessions[-1].case.model):
-            start[list(self.field.columns_of((instance.effect, instance.place)))] += np.real(
-                instance.values
-            )
+            start[self.field.columns[instance.effect, instance.place]] += np.real(instance.values)
         return start
 
     @cached_property
@@ -180,7 +178,7 @@ class Posterior:
             into = np.zeros((width, len(component.unit)))
             for share in component.shares:
                 for column, value in zip(
-                    self.field.columns_of((share.effect, share.place)), share.values, strict=True
+                    self.field.columns[share.effect, share.place], share.values, strict=True
                 ):
                     into[column, value] += 1.0
             if (component.id, component.where) == (OTHER_BARS, last):
@@ -286,7 +284,7 @@ class Posterior:
 
     def value_of(self, law: Placed) -> tuple[float, float]:
         """The first value of a law at a place over all models, and its standard deviation."""
-        at = self.field.columns_of(law)[0]
+        at = self.field.columns[law][0]
         means = np.array([model.mean[at] for model in self.models_in_field])
         variance = np.array([model.variance(at) for model in self.models_in_field])
         weight = np.array([model.weight for model in self.models_in_field])
@@ -313,7 +311,7 @@ class Posterior:
             if law in self._turns:
                 leans.setdefault(law[0].id, []).append(law)
         for laws in leans.values():
-            columns = [self.field.columns_of(law)[0] for law in laws]
+            columns = [self.field.columns[law][0] for law in laws]
             squares = [in_field.mean[at] ** 2 + in_field.variance(at) for at in columns]
             for turn, unit in map(self._turns.__getitem__, laws):
                 size = unit * math.sqrt(math.fsum(squares) / len(squares))
@@ -343,7 +341,7 @@ class Posterior:
         tolerances = self.sessions[-1].case.geometry
         shares = (share for k in everywhere for share in self.components[k].shares)
         for unseen in tolerances.keys() - {(share.effect, share.place) for share in shares}:
-            deviation[self.field.columns_of(unseen)[0]] = tolerances[unseen]
+            deviation[self.field.columns[unseen][0]] = tolerances[unseen]
         if self.geometry.common_zero:
             for law in tolerances.keys() & self._turns.keys():
                 turn, unit = self._turns[law]
@@ -359,7 +357,7 @@ class Posterior:
         """
         firsts = {"axis_squareness": (-3, PER_THOUSAND), "axis_offset": (-RIGID, 1.0)}
         turns = {}
-        for law, place in self.field.placed:
+        for law, place in self.field.columns:
             if law.id in firsts:
                 first, unit = firsts[law.id]
                 (third,) = {0, 1, 2} - {"xyz".index(name) for name in place[:2]}

@@ -148,6 +148,6 @@ def _mixed(solutions: Sequence[SolvedSessions]) -> Posterior:
         ]
         components += result.posterior.components
     likeliest = solutions[0].posterior
-    laws = (law for result in solutions for law in result.posterior.field.placed)
+    laws = (law for result in solutions for law in result.posterior.field.columns)
     field = tool_field(likeliest.geometry, tuple(dict.fromkeys(laws)))
     return Posterior(likeliest.sessions, tuple(components), tuple(models), field, likeliest.linear)

@@ -145,7 +145,7 @@ def test_travel_by_any_power_of_it_is_entered_as_tables() -> None:
     tables = dict(parts_of(result, "kinematics")["tables"])
     columns = tables["table of x"]
     for name in POWERS:
-        assert set(result.field.columns_of((Empirical((name,)), "x"))) <= set(columns)
+        assert set(result.field.columns[Empirical((name,)), "x"]) <= set(columns)
 
 
 @pytest.mark.parametrize("law", first_quick(["axis_offset", "straightness"]))

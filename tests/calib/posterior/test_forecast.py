@@ -91,7 +91,7 @@ class Dense:
         for k in (*model.everywhere, *model.members):
             for share in result.components[k].shares:
                 for column, value in zip(
-                    result.field.columns_of((share.effect, share.place)), share.values, strict=True
+                    result.field.columns[share.effect, share.place], share.values, strict=True
                 ):
                     into[column, begin + value] += 1.0
             begin += len(result.components[k].unit)

@@ -25,7 +25,6 @@ from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import (
     COMPLEX_STEP_MM,
     Model,
-    StageEffect,
     readings_and_derivatives,
     simulate,
 )
@@ -61,10 +60,6 @@ class Size:
         """What the model says."""
         effect, number = self.at[0]
         return float(np.real(cast("EffectInstance", model.effects[effect]).values[number]))
-
-    def steps(self, model: Model) -> tuple[StageEffect, ...]:
-        """The model's effects with this size a complex step further."""
-        return _moved_to(model, (), (self,), [self.value(model) + 1j * COMPLEX_STEP_MM]).effects
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,7 +278,8 @@ def _predicted(
     predicted, base = readings_and_derivatives(*machine, model.effects)
     columns = [base[:, list(free)]]
     for size in sizes:
-        stepped = simulate(*machine, size.steps(model))
+        further = _moved_to(model, (), (size,), [size.value(model) + 1j * COMPLEX_STEP_MM])
+        stepped = simulate(*machine, further.effects)
         columns.append(stepped.imag[:, None] / COMPLEX_STEP_MM)
     return predicted, np.hstack(columns)
 

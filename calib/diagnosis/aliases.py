@@ -35,7 +35,7 @@ def alias_map(model: Model, planned: Observations, effects: Sequence[Effect]) ->
     """
     figures = IndicatorFigures(repeatability_mm=NOISE_MM)
     cells = Cells.of(SessionCase(model, planned, figures, np.array(TOLERANCE_MM)))
-    problem, ids = PosteriorProblem.of((cells,), effects), {effect.id for effect in effects}
+    problem, ids = PosteriorProblem((cells,), effects), {effect.id for effect in effects}
     leftover = Leftover.about_rows((cells,), problem.rows)
     compared = [
         (component, problem.linear.columns[:, index])

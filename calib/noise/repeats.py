@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtrc
+from scipy.special import fdtrc, stdtr
 
 from calib.arrays import (
     NEW_DIRECTION,
@@ -23,7 +23,7 @@ from calib.arrays import (
     without,
     without_means,
 )
-from calib.stats import two_sided_p_values, variance_ratio_p_value
+from calib.stats import variance_ratio_p_value
 
 OUTLIER_LEVEL = 0.01
 """Chance that one of all readings is called an outlier although none is (Bonferroni)."""
@@ -239,7 +239,7 @@ def outlying_readings(repeats: Repeats, floor_mm2: float) -> tuple[Outlier, ...]
     squares, indicator = repeats.sums_of_squares(value_mm), repeats.observations.indicator[judged]
     variance, nu = _others(squares, repeats.degrees_of_freedom, indicator, square)
     t = np.sign(departure_mm[judged]) * np.sqrt(square / np.maximum(variance, max(floor_mm2, TINY)))
-    p = np.minimum(two_sided_p_values(t, nu) * len(judged), 1.0)
+    p = np.minimum(2.0 * stdtr(nu, -np.abs(t)) * len(judged), 1.0)
     outlying = p < OUTLIER_LEVEL
     columns = (column[outlying].tolist() for column in (judged, t, p))
     return tuple(Outlier(*outlier) for outlier in zip(*columns, strict=True))
@@ -279,10 +279,8 @@ def _others(
     own_square, nu_own = np.maximum(squares[indicator] - square, 0.0), free[indicator] - 1.0
     other_square, nu_others = total - squares[indicator], nu_total - free[indicator]
     comparable = (nu_own > 0.0) & (nu_others > 0.0)
-    alone, nu_alone = (
-        own_square / np.where(comparable, nu_own, 1.0),
-        np.where(comparable, nu_own, 1.0),
-    )
+    nu_alone = np.where(comparable, nu_own, 1.0)
+    alone = own_square / nu_alone
     nu_beside = np.where(comparable, nu_others, 1.0)
     noisier = fdtrc(nu_alone, nu_beside, alone / np.maximum(other_square / nu_beside, TINY))
     unequal = comparable & (np.minimum(noisier, 1.0 - noisier) < UNEQUAL_LEVEL)

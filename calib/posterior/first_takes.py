@@ -145,12 +145,6 @@ def _apart(cells: Cells) -> Iterator[tuple[int, float]]:
             yield row, float(off_mm[np.abs(off_mm).argmin()])
 
 
-def within_plays(sessions: Sequence[Cells]) -> list[WithinPlay]:
-    """First takes that stand apart, of each session that has such."""
-    plays = map(WithinPlay.of, sessions)
-    return [within for within in plays if within]
-
-
 def log_priors(
     within: Sequence[WithinPlay], components: Sequence[Component]
 ) -> tuple[float, FloatArray]:

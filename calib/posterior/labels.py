@@ -218,7 +218,7 @@ def _with_values(visits: Observations, source: IntArray) -> IntArray:
     return numbered(np.where(alone[source], apart, usual))
 
 
-def with_mistakes(ways: Sequence[Way], effects: Sequence[Effect] | None) -> list[SolvedSessions]:
+def with_mistakes(ways: Sequence[Way], effects: Sequence[Effect]) -> list[SolvedSessions]:
     """The sessions as they are, and put right in each way that may be true; the likeliest first.
 
     The sessions may have come about in several ``ways``; ``effects`` are those of the library. One
@@ -258,7 +258,7 @@ def with_mistakes(ways: Sequence[Way], effects: Sequence[Effect] | None) -> list
     return sorted(explanations, key=lambda result: -result.log_weight)
 
 
-def _solved(ways: Sequence[Way], effects: Sequence[Effect] | None) -> list[SolvedSessions]:
+def _solved(ways: Sequence[Way], effects: Sequence[Effect]) -> list[SolvedSessions]:
     """What may be true of each way.
 
     Of several machines the first is the freest: visits that had no chance on it, with the same

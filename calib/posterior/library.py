@@ -89,10 +89,6 @@ class Component:
         (share,) = self.shares
         return share.effect, share.place
 
-    def with_values(self, squares: FloatArray) -> Component:
-        """The component with values of one size, of these mean squares ``(r,)``."""
-        return replace(self, unit=np.full(len(squares), self.unit[0]), squares=squares)
-
     def effects(self, values: FloatArray) -> tuple[EffectInstance, ...]:
         """The effects of these values ``(r,)``; none of a component without laws."""
         return self.candidate.effects(values) if self.candidate else ()

@@ -160,7 +160,7 @@ class Planner:
             if group not in left_out and name not in left_out
         ]
         frame = self.correction.frame
-        return Forecast.of(self.posterior, frame, index, self.stated_mm)
+        return Forecast(self.posterior, frame, index, self.stated_mm)
 
     @property
     def bound_mm(self) -> float:

@@ -20,14 +20,13 @@ from calib.arrays import FloatArray, IntArray, descending, without
 from calib.errors import NotIdentifiable, UnreachablePosture
 from calib.posterior.apart import Mistake
 from calib.posterior.cells import Cells
-from calib.posterior.first_takes import WithinPlay, log_priors, reached, within_plays
+from calib.posterior.first_takes import WithinPlay, log_priors, reached
 from calib.posterior.gaussian import About, LittleOfAll
-from calib.posterior.library import ELSE, Component, library
+from calib.posterior.library import ELSE, library
 from calib.posterior.library import laws as library_laws
 from calib.posterior.models import Posterior, WeightedModel, effects_of_tool
 from calib.posterior.readings import (
     LENGTHS,
-    LinearSessions,
     Rows,
     free_columns,
     linear_about,
@@ -35,7 +34,6 @@ from calib.posterior.readings import (
 )
 from calib.posterior.selection import SCALES, ModelEntry, ModelSelection, Products
 from calib.posterior.tool import laws_held, tool_field
-from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import placed_columns
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import Effect, EffectInstance, Placed
@@ -81,13 +79,13 @@ class Way:
     mistakes: tuple[Mistake, ...] = ()
     with_play: bool = False
 
-    def solved(self, effects: Sequence[Effect] | None) -> SolvedSessions:
+    def solved(self, effects: Sequence[Effect]) -> SolvedSessions:
         """What may be true of the sessions: models are weighed, then have a normal each.
 
-        ``effects`` are those of the library, or all. The heaviest models follow the simulation.
+        ``effects`` are those of the library. The heaviest models follow the simulation.
         Where none has a play that the way needs, the log evidence is -inf. Raises NotIdentifiable.
         """
-        problem = PosteriorProblem.of(tuple(self.sessions), effects)
+        problem = PosteriorProblem(self.sessions, effects)
         models, log_evidence = problem.weighted()
         if self.with_play:
             models, log_share = reached(models, problem.within, problem.components)
@@ -121,20 +119,17 @@ class SolvedSessions:
         return self.log_evidence + self.way.log_prior + sum(priors)
 
 
-@dataclass(frozen=True, eq=False)
 class PosteriorProblem:
     """All sessions about one fit of the base: the columns of every component in their rows.
 
-    They are per unit of the components.
+    They are per unit of the components. Every model has a little of those ``everywhere``, laws at
+    single places; ``base`` ``(n, b)`` are derivatives by the base, per standard deviation of what
+    is expected. First takes stand apart ``within`` a play; components are from the ``selection``.
     """
 
-    sessions: tuple[Cells, ...]
-    components: tuple[Component, ...]
-    linear: LinearSessions
-
-    @classmethod
-    def of(cls, sessions: tuple[Cells, ...], effects: Sequence[Effect] | None) -> PosteriorProblem:
-        """The problem of sessions of one machine: ``effects`` are those of the library, or all."""
+    def __init__(self, sessions: Sequence[Cells], effects: Sequence[Effect]) -> None:
+        """The problem of sessions of one machine: ``effects`` are those of the library."""
+        self.sessions, case = tuple(sessions), sessions[-1].case
         models = [cells.model for cells in sessions]
         lengths = np.mean([model.parameters_mm[3:] for model in models], axis=0)
         models = [
@@ -142,38 +137,28 @@ class PosteriorProblem:
             for model in models
         ]
         measured = [(model, cells.means) for model, cells in zip(models, sessions, strict=True)]
-        effects = CATALOGUE if effects is None else effects
         every_law = library_laws(models[0].geometry, effects)
         placed = [placed_columns(model, means, every_law) for model, means in measured]
-        components = library(measured, effects, sessions[-1].case.named_beyond, placed)
-        linear, sized = linear_about(sessions, models, components, placed)
-        return cls(sessions, sized, linear)
-
-    @property
-    def rows(self) -> Rows:
-        """The rows of all sessions."""
-        return self.linear.rows
-
-    @cached_property
-    def everywhere(self) -> tuple[int, ...]:
-        """Components of which every model has a little: laws at single places."""
-        return tuple(k for k, component in enumerate(self.components) if component.at_one_place)
-
-    @cached_property
-    def _unit(self) -> FloatArray:
-        """Unit ``(k,)`` of the value of each column."""
-        return np.concatenate([component.unit for component in self.components])
-
-    @cached_property
-    def base(self) -> FloatArray:
-        """Derivatives ``(n, b)`` by the base, per standard deviation of what is expected."""
+        components = library(measured, effects, case.named_beyond, placed)
+        self.linear, self.components = linear_about(sessions, models, components, placed)
+        self.rows = rows = self.linear.rows
+        self.everywhere = tuple(k for k, law in enumerate(self.components) if law.at_one_place)
+        self._unit = np.concatenate([component.unit for component in self.components])
         columns, index = self.linear.columns, self.linear.index
         no_law = np.zeros((len(columns), 0))  # one posture shows no law
         laws = [columns[:, index[k]] / self.components[k].unit for k in self.everywhere]
-        return np.hstack([self.rows.base, no_law, *laws]) @ self.base_root
+        self._base_root = self._root_of_base()
+        self.base = np.hstack([rows.base, no_law, *laws]) @ self._base_root
+        self._laws = LittleOfAll(self.base[:, len(rows.spread) :])
+        self._plain = self._about(rows)
+        self._white = self._laws.whitened(columns)
+        self._left = self._plain.left_by(self._white)
+        self.within = [takes for takes in map(WithinPlay.of, sessions) if takes]
+        self._log_usual, log_prior = log_priors(self.within, self.components)
+        products, noise = Products.of(self._left, self._plain.left), (rows.freedom, rows.excess)
+        self.selection = ModelSelection(products, index, log_prior, rows.free, *noise, case.acting)
 
-    @cached_property
-    def base_root(self) -> FloatArray:
+    def _root_of_base(self) -> FloatArray:
         """Standard deviations of the base ``(b, b)``, of parameters that are off alike a root.
 
         Of every law everywhere a little of its unit, or that of an adopted effect about its size in
@@ -199,16 +184,6 @@ class PosteriorProblem:
                 root[own, alike[0]], root[own, own] = root[own, own], np.concatenate(little)[own]
         return root
 
-    @cached_property
-    def _laws(self) -> LittleOfAll:
-        """A little of every law, which is the same about all models."""
-        return LittleOfAll(self.base[:, len(self.rows.spread) :])
-
-    @cached_property
-    def _plain(self) -> About:
-        """The base about the rows, without any component."""
-        return self._about(self.rows)
-
     def _about(self, rows: Rows) -> About:
         """Lengths and offsets about rows, where they have derivatives of their own."""
         base_rows = self.base[:, : len(rows.spread)].copy()
@@ -219,33 +194,6 @@ class PosteriorProblem:
         return replace(about, room=about.room + self._laws.room)
 
     @cached_property
-    def _white(self) -> FloatArray:
-        """Columns ``(n, k)`` of all components, a little of every law being noise."""
-        return self._laws.whitened(self.linear.columns)
-
-    @cached_property
-    def _left(self) -> FloatArray:
-        """What the base leaves of them ``(n + b, k)``."""
-        return self._plain.left_by(self._white)
-
-    @cached_property
-    def within(self) -> list[WithinPlay]:
-        """First takes that stand apart."""
-        return within_plays(self.sessions)
-
-    @cached_property
-    def _log_priors(self) -> tuple[float, FloatArray]:
-        return log_priors(self.within, self.components)
-
-    @cached_property
-    def selection(self) -> ModelSelection:
-        """The components to select from, beside the base."""
-        rows, products = self.rows, Products.of(self._left, self._plain.left)
-        noise = rows.free, rows.freedom, rows.excess
-        acting = self.sessions[-1].case.acting
-        return ModelSelection(products, self.linear.index, self._log_priors[1], *noise, acting)
-
-    @cached_property
     def entries(self) -> list[ModelEntry]:
         """The models that count, the heaviest first."""
         return self.selection.entries()
@@ -253,7 +201,7 @@ class PosteriorProblem:
     @cached_property
     def log_constant(self) -> float:
         """What log weights of the selection lack to compare with those of other problems."""
-        of_way = self._log_of_states() + self.log_of_lines + self._log_priors[0]
+        of_way = self._log_of_states() + self.log_of_lines + self._log_usual
         return self.rows.log_constant + of_way
 
     @property
@@ -411,12 +359,12 @@ class PosteriorProblem:
         projected = -laws.seen.T @ (about.basis[:count])
         zeros = np.zeros((len(about.inverse), len(laws.root)))
         root = np.block([[about.inverse, zeros], [projected, laws.root]])
-        return np.asarray(self.base_root @ root)
+        return np.asarray(self._base_root @ root)
 
     def _moved(self, about: About, along: FloatArray, remainder: FloatArray) -> FloatArray:
         """Values of the base ``(b, ...)`` for rows ``along`` the basis and those it has left."""
         laws = self._laws.seen.T @ remainder[: len(self.rows.residual)]
-        return np.asarray(self.base_root @ np.concatenate([about.inverse @ along, laws]))
+        return np.asarray(self._base_root @ np.concatenate([about.inverse @ along, laws]))
 
     @cached_property
     def _plain_fit(self) -> ModelFit:
@@ -462,7 +410,7 @@ class PosteriorProblem:
     def _values(self, entry: ModelEntry, mean: FloatArray) -> list[FloatArray]:
         """Values of each member."""
         ends = np.cumsum([len(self.linear.index[k]) for k in entry.members])
-        return np.split(mean[len(self.base_root) :], ends[:-1])
+        return np.split(mean[len(self._base_root) :], ends[:-1])
 
     def _models(self, entry: ModelEntry, mean: FloatArray) -> list[Model]:
         """Each session's machine with the parameters and effects of a model."""

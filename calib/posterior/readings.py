@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate, combinations, pairwise, starmap
 
 import numpy as np
@@ -207,7 +207,8 @@ def linear_about(
     pairs = []
     for component, block in zip(components, blocks, strict=True):
         if component.id == ELSE:
-            component, block = component.with_values(squares), of_postures
+            unit, block = np.full(len(squares), component.unit[0]), of_postures
+            component = replace(component, unit=unit, squares=squares)
         if component.id != OTHER_BARS:
             pairs.append((component, block * component.unit))
     pairs += _bars_of_sessions(sessions, rows)

@@ -231,7 +231,7 @@ def test_exchanges_beside_one_name_are_those_that_leave_the_plain_fit_least() ->
 
 def test_beside_a_mistake_stands_nothing_or_names_and_alone_one_name() -> None:
     session = case(SWEEP, EffectInstance(Backlash(), "y", (0.04,)), seed=4)
-    problem = PosteriorProblem.of((Cells.of(session),), CATALOGUE)
+    problem = PosteriorProblem((Cells.of(session),), CATALOGUE)
     plain, *heaviest = problem.rivals(0, alone=False)
     assert plain[1].shape[1] == 0
     assert heaviest

@@ -144,7 +144,7 @@ def identify(
     independent = len(visits) - set_up_unknowns(visits)
     if method == "linear":  # differences of contacts of a mounting add up to nothing
         independent = len(measured) - len(np.unique(visits.mount[visits.contact]))
-    seen = _identifiability(case, weight, free, noise, within_mm, efficient.design)
+    sight = _identifiability(case, weight, free, noise, within_mm, efficient.design)
     return Solution(
         model=fit.model,
         subset=subset,
@@ -176,7 +176,7 @@ def identify(
             noise,
         ),
         condition_number=float(np.linalg.cond(measured.combine @ fit.design)),
-        weak_directions=seen.weak,
+        weak_directions=sight.weak,
         residual_mm=without_zeros(visits, weight, visits.value_mm - fit.predicted_mm),
         outside=_of_others(fit, visits, free),
         tolerance_mm=tolerance_mm,
@@ -201,22 +201,22 @@ def _efficient_fit(
     """The best estimate of its kind, refused where some combination is not seen."""
     model, visits, sizes, free = case.model, case.visits, case.sizes, SUBSETS[subset]
     within_mm = tolerance_mm if subset == "with-tolerances" else None
-    seen, begin = partial(_identifiability, case, weight, free, case.noise, within_mm), model
+    sight, begin = partial(_identifiability, case, weight, free, case.noise, within_mm), model
     if sizes:  # no fit can begin with a size that nothing shows
         try:
-            seen(design_of(model, visits, free, sizes))
+            sight(design_of(model, visits, free, sizes))
         except NotIdentifiable:  # some act only where the machine is off
             begin = prior_fit(model, visits, weight, tolerance_mm).model
-            seen(design_of(begin, visits, free, sizes))
+            sight(design_of(begin, visits, free, sizes))
     if within_mm is not None:
         return prior_fit(model, visits, weight, within_mm, sizes, begin)
     advice = MORE_PLACES if few_contacts(visits) else ""
     linear = weighted_fit(model, visits, free, weight)
-    refuse_unseen(seen(linear.design), subset, advice)
+    refuse_unseen(sight(linear.design), subset, advice)
     if method == "linear":
         return linear
     exact = exact_fit(model, visits, free, weight, sizes, begin)
-    refuse_unseen(seen(exact.design), subset, advice)
+    refuse_unseen(sight(exact.design), subset, advice)
     return exact
 
 

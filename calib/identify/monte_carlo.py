@@ -155,7 +155,7 @@ class _Kind:
         optimum = self.fit.solve(values)
         good = optimum.converged
         error = (optimum.values - truth)[:, good]
-        uncertainty, factor = (of[:, good] for of in self.intervals(optimum, values))
+        uncertainty, factor = (part[:, good] for part in self.intervals(optimum, values))
         covered = np.abs(error) <= factor * uncertainty
         return int(good.sum()), covered.sum(axis=1), error @ error.T, (uncertainty**2).sum(axis=1)
 

@@ -428,8 +428,8 @@ class Cells:
             mountings = _by_mounting(self.visits, self.cell, self._counted_mm2, self.serial)
             remainder = np.vstack(
                 [
-                    without(basis, independent(self.serial, rows[there] / root[there]))
-                    for there, _, basis, _ in mountings
+                    without(basis, independent(self.serial, rows[of_mount] / root[of_mount]))
+                    for of_mount, _, basis, _ in mountings
                 ]
             )
         else:
@@ -505,8 +505,8 @@ def _means(
         variance = 1.0 / total
     else:
         value_mm, time_s, variance = (np.empty(len(rows)) for _ in range(3))
-        for there, cells, basis, inverse in _by_mounting(visits, cell, scatter_mm2, serial):
-            whitened_values = values[there] / np.sqrt(scatter_mm2[there])[:, None]
+        for of_mount, cells, basis, inverse in _by_mounting(visits, cell, scatter_mm2, serial):
+            whitened_values = values[of_mount] / np.sqrt(scatter_mm2[of_mount])[:, None]
             value_mm[cells], time_s[cells] = (
                 inverse @ (basis.T @ independent(serial, whitened_values))
             ).T

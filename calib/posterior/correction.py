@@ -146,7 +146,7 @@ def parts_of(posterior: Posterior, holds: Holds) -> dict[Holds, list[Part]]:
         if entry := _part_of(*law):
             parts.setdefault(entry, []).extend(posterior.field.columns[law])
     return {
-        group: [(name, tuple(index)) for (of, name), index in parts.items() if of == group]
+        group: [(name, tuple(index)) for (holder, name), index in parts.items() if holder == group]
         for group in HOLDS[: HOLDS.index(holds) + 1]
     }
 

@@ -70,8 +70,8 @@ def suspects(solved_sessions: SolvedSessions, number: int, *, depart: bool) -> l
     """
     now, problem = solved_sessions.way.sessions, solved_sessions.problem
     cells, log_evidence = now[number], solved_sessions.log_evidence
-    others = [Screen(other) for other in (*now[:number], *now[number + 1 :])]
-    elsewhere = sum(screen.square for screen in others), sum(screen.freedom for screen in others)
+    screens = [Screen(cells_beside) for cells_beside in (*now[:number], *now[number + 1 :])]
+    elsewhere = sum(screen.square for screen in screens), sum(screen.freedom for screen in screens)
     screened = partial(Screen, cells, root=even_mm(cells), elsewhere=elsewhere)
     rivals = [(log, screened(columns)) for log, columns in problem.rivals(number, alone=False)]
     scored: list[Scored] = []

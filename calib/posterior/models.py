@@ -229,11 +229,11 @@ class Posterior:
     def _for_bounds(self) -> Posterior | None:
         return self._of_models([not model.as_stated.of_firmware for model in self.models])
 
-    def _of_models(self, used: Sequence[bool]) -> Posterior | None:
+    def _of_models(self, mask: Sequence[bool]) -> Posterior | None:
         """The posterior of some of its models; None where that is all of them, or none."""
-        if len(set(used)) == 1:
+        if len(set(mask)) == 1:
             return None
-        models = [model for model, is_kept in zip(self.models, used, strict=True) if is_kept]
+        models = [model for model, is_kept in zip(self.models, mask, strict=True) if is_kept]
         total = math.fsum(model.weight for model in models)
         return replace(self, models=tuple(replace(m, weight=m.weight / total) for m in models))
 

@@ -152,11 +152,12 @@ class PosteriorProblem:
         self._laws = LittleOfAll(self.base[:, len(rows.spread) :])
         self._plain = self._about(rows)
         self._white = self._laws.whitened(columns)
-        self._left = self._plain.left_by(self._white)
+        self._remainder = self._plain.left_by(self._white)
         self.within = [takes for takes in map(WithinPlay.of, sessions) if takes]
         self._log_usual, log_prior = log_priors(self.within, self.components)
-        products, noise = Products.of(self._left, self._plain.left), (rows.freedom, rows.excess)
-        self.selection = ModelSelection(products, index, log_prior, rows.free, *noise, case.acting)
+        products = Products.of(self._remainder, self._plain.left)
+        noise = rows.free, rows.freedom, rows.excess
+        self.selection = ModelSelection(products, index, log_prior, *noise, case.acting)
 
     def _root_of_base(self) -> FloatArray:
         """Standard deviations of the base ``(b, b)``, of parameters that are off alike a root.
@@ -180,8 +181,9 @@ class PosteriorProblem:
         )
         for laws in case.of_one_size:  # beside it each has a little of its own, as any law
             alike = [places[law] for law in laws if law in places]
-            for own in alike[1:]:
-                root[own, alike[0]], root[own, own] = root[own, own], np.concatenate(little)[own]
+            for place in alike[1:]:
+                root[place, alike[0]] = root[place, place]
+                root[place, place] = np.concatenate(little)[place]
         return root
 
     def _about(self, rows: Rows) -> About:
@@ -243,8 +245,8 @@ class PosteriorProblem:
         effects are among them. Something else explains any mistake away.
         """
         ids = [component.id for component in self.components]
-        named = (e for e in self.entries if e.members and all(ids[k] != ELSE for k in e.members))
-        heaviest = [self.selection.entry(()), *islice(named, MOST_BESIDE)]
+        names = (e for e in self.entries if e.members and all(ids[k] != ELSE for k in e.members))
+        heaviest = [self.selection.entry(()), *islice(names, MOST_BESIDE)]
         cells, rows, linear = self.sessions[number], self._means_of(number), self.linear
         free = free_columns(self.components, linear.columns, linear.index, cells.case)
         models = []
@@ -276,10 +278,10 @@ class PosteriorProblem:
         """
         rows = np.zeros((len(self.rows.residual), change_mm.shape[1]))
         rows[self._means_of(number)] = self.sessions[number].whitened(change_mm)
-        left = self._plain.left[:, None] + self._plain.left_by(self._laws.whitened(rows))
+        residual = self._plain.left[:, None] + self._plain.left_by(self._laws.whitened(rows))
         names = [k for k, component in enumerate(self.components) if component.kind in NAMED]
         return self.log_constant + self.selection.best_singles(
-            self._left.T @ left, (left**2).sum(axis=0), names
+            self._remainder.T @ residual, (residual**2).sum(axis=0), names
         )
 
     def weighted(self) -> tuple[list[WeightedModel], float]:
@@ -373,7 +375,7 @@ class PosteriorProblem:
         along = about.basis[: len(self._white)].T @ self._white
         mean = self._moved(about, about.along, about.left)
         mean[: len(self.rows.value)] += self.rows.value
-        moved = self._moved(about, along, self._left)
+        moved = self._moved(about, along, self._remainder)
         return ModelFit(mean, self._root(about), moved, self.selection.products.square, about.room)
 
     def _fitted(self, entry: ModelEntry) -> ModelFit:
@@ -439,13 +441,13 @@ class PosteriorProblem:
             for cells, model in sessions
             if len(cells.case.distances)
         ]
-        left = rows.residual - rows.base @ (mean[: len(rows.value)] - rows.value)
+        linear = rows.residual - rows.base @ (mean[: len(rows.value)] - rows.value)
         for k, values in zip(entry.members, self._values(entry, mean), strict=True):
             if self.components[k].candidate:
-                left -= self.linear.columns[:, self.linear.index[k]] @ (
+                linear -= self.linear.columns[:, self.linear.index[k]] @ (
                     values / self.components[k].unit
                 )
-        return np.concatenate(simulated) - left[: rows.exact]
+        return np.concatenate(simulated) - linear[: rows.exact]
 
     def _refitted(self, models: Sequence[Model], entry: ModelEntry, mean: FloatArray) -> ModelFit:
         """One step of Gauss and Newton; readings within cells stay as they were.

@@ -78,15 +78,15 @@ def rows_of(
     width = LENGTHS + 3 * len(sessions)
 
     def block(
-        number: int, left: FloatArray, by_base: FloatArray, by_law: Mapping[Placed, FloatArray]
+        number: int, residual: FloatArray, by_base: FloatArray, by_law: Mapping[Placed, FloatArray]
     ) -> FloatArray:
         """Rows of a session: what is left, lengths, joint offsets of every session, laws."""
-        base, columns = np.zeros((len(left), width)), np.zeros((len(left), ends[-1]))
+        base, columns = np.zeros((len(residual), width)), np.zeros((len(residual), ends[-1]))
         base[:, :LENGTHS] = by_base[:, 3:]
         base[:, LENGTHS + 3 * number : LENGTHS + 3 * number + 3] = by_base[:, :3]
         for law, by_values in by_law.items():
             columns[:, places[law]] = by_values
-        return np.column_stack([left, base, columns])
+        return np.column_stack([residual, base, columns])
 
     parts, measured, in_time = [], [], []
     for number, (cells, model, by_law) in enumerate(
@@ -97,8 +97,8 @@ def rows_of(
         by_base = design_of(model, means, range(BASE), ())
         parts.append(cells.whitened(block(number, left_mm, by_base, by_law)))
         if len(distances):
-            left, by_base = distances.residual(model), distances.by_base(model)
-            measured.append(block(number, left, by_base, distances.by_laws(model, laws)))
+            residual, by_base = distances.residual(model), distances.by_base(model)
+            measured.append(block(number, residual, by_base, distances.by_laws(model, laws)))
         timed = [law for law in by_law if depends_on_time(law[0])]
         if within and timed and len(visits) > len(means):
             effects = list(dict.fromkeys(effect for effect, _ in timed))
@@ -106,9 +106,9 @@ def rows_of(
             columns = np.hstack([by_timed[law] for law in timed])
             rows = cells.in_time(columns, visits.value_mm - model.readings(visits))
             starts = np.cumsum([1, *(by_timed[law].shape[1] for law in timed)])
-            left, *split = np.split(rows, starts[:-1], axis=1)
+            residual, *split = np.split(rows, starts[:-1], axis=1)
             no_base = np.zeros((len(rows), BASE))
-            in_time.append(block(number, left, no_base, dict(zip(timed, split, strict=True))))
+            in_time.append(block(number, residual, no_base, dict(zip(timed, split, strict=True))))
     rows = np.vstack([*parts, *measured, *in_time])
 
     def base_of(values: Sequence[Sequence[float] | FloatArray]) -> FloatArray:
@@ -285,8 +285,8 @@ def _of_postures(sessions: Sequence[Cells], total: int) -> tuple[FloatArray, Flo
     Beside them their mean squares ``(r,)`` over the cells of all sessions, mm².
     """
     errors = [something_else(cells.means) for cells in sessions]
-    squares = np.concatenate([(own**2).mean(axis=0) for own in errors]) / len(sessions)
-    blocks = [cells.whitened(own) for cells, own in zip(sessions, errors, strict=True)]
+    squares = np.concatenate([(columns**2).mean(axis=0) for columns in errors]) / len(sessions)
+    blocks = [cells.whitened(columns) for cells, columns in zip(sessions, errors, strict=True)]
     columns = np.zeros((total, len(squares)))
     columns[: sum(map(len, blocks))] = block_diag(blocks).toarray()
     return columns, squares

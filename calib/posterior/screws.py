@@ -63,7 +63,7 @@ def with_searched_leads(effects: Sequence[Effect], sessions: Sequence[Cells]) ->
 class SearchedScrew:
     """A carriage: its travel ``(n_cells,)`` in each session, mm.
 
-    ``per_mm`` ``(n_cells,)`` is what means of cells change for each mm of it, ``left`` and
+    ``per_mm`` ``(n_cells,)`` is what means of cells change for each mm of it, ``residual`` and
     ``basis`` what the base leaves of them and what it does, whitened.
     """
 
@@ -72,11 +72,11 @@ class SearchedScrew:
         sessions: Sequence[Cells],
         travel_mm: Sequence[FloatArray],
         per_mm: Sequence[FloatArray],
-        left: FloatArray,
+        residual: FloatArray,
         basis: FloatArray,
     ) -> None:
         self.sessions, self.travel_mm, self.per_mm = sessions, travel_mm, per_mm
-        self.left, self.basis = left, basis
+        self.residual, self.basis = residual, basis
         way, (finest, *_, coarsest) = max(map(np.ptp, travel_mm)), ISO_LEADS_MM
         self._step = STEP / max(float(way), STEP * coarsest)
         self._grid = np.arange(1.0 / coarsest, 1.0 / finest + self._step / 2, self._step)
@@ -118,7 +118,7 @@ class SearchedScrew:
         beside_sine = cosine - sine * ((sine * cosine).sum(axis=0) / square)
         rest_square = np.maximum((beside_sine * beside_sine).sum(axis=0), 1e-12)
         return np.asarray(
-            (self.left @ sine) ** 2 / square + (self.left @ beside_sine) ** 2 / rest_square
+            (self.residual @ sine) ** 2 / square + (self.residual @ beside_sine) ** 2 / rest_square
         )
 
     def _free(self, waves: Sequence[FloatArray]) -> FloatArray:

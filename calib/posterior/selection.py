@@ -195,14 +195,14 @@ class ModelSelection:
 
     def one_more(self, key: Key = ()) -> tuple[FloatArray, FloatArray]:
         """What is left and the room ``(scales, components)`` of each beside a model."""
-        shown, explained, room_of_model = self.explained_by(key)
-        along = self.products.along - explained @ shown
+        products, explained, room_of_model = self.explained_by(key)
+        along = self.products.along - explained @ products
         remainder = self.products.square - float(explained @ explained)
         square = np.empty((len(SCALES), len(self.columns)))
         room = np.empty_like(square)
         scales = np.array(SCALES)[:, None, None, None]
         for members, index, inner in self._blocks:
-            overlap = shown[:, index]
+            overlap = products[:, index]
             blocks = inner - np.einsum("rmi,rmj->mij", overlap, overlap)
             root = np.linalg.cholesky(np.eye(index.shape[1]) + scales**2 * blocks)
             own_along = np.linalg.solve(root, scales * along[index][:, :, None])

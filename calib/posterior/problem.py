@@ -384,7 +384,8 @@ class PosteriorProblem:
         plain, unit = self._plain_fit, self._unit[index] * scale
         inner = np.eye(len(index)) + scale[:, None] * products.inner[np.ix_(index, index)] * scale
         root = np.linalg.inv(np.linalg.cholesky(inner)).T
-        sizes = root @ (root.T @ (scale * products.along[index]))
+        inverse = root @ root.T
+        sizes = inverse @ (scale * products.along[index])
         moved = plain.sizes[:, index] * scale
         mean = np.concatenate([plain.mean - moved @ sizes, unit * sizes])
         square = products.square - float(scale * products.along[index] @ sizes)

@@ -52,7 +52,7 @@ def one_session() -> list[str]:
         modelled = simulate(Model().geometry, x[:6], observations) + x[6:][observations.mount]
         return np.asarray(modelled - observations.value_mm)
 
-    fit = PlainFit.of(Model(), observations, SUBSETS["both"], observations.averaged)
+    fit = PlainFit(Model(), observations, SUBSETS["both"], observations.averaged)
     values = observations.value_mm[:, None]
     ours = _ours(fit.solve(values))
     rows: list[tuple[str, float, FloatArray]] = [
@@ -86,7 +86,7 @@ def _ours(optimum: Optimum) -> FloatArray:
 
 
 def _anew(observations: Observations) -> Optimum:
-    fit = PlainFit.of(Model(), observations, SUBSETS["both"], observations.averaged)
+    fit = PlainFit(Model(), observations, SUBSETS["both"], observations.averaged)
     return fit.solve(observations.value_mm[:, None])
 
 
@@ -185,7 +185,7 @@ def many_sessions() -> list[str]:
 def identify_so_many(count: int) -> None:
     """Identify simulated sessions chunk by chunk; print seconds, peak MB and failures."""
     observations = to_observations([fold(read_record(SAMPLE).events)])
-    fit = PlainFit.of(Model(), observations, SUBSETS["both"], observations.averaged)
+    fit = PlainFit(Model(), observations, SUBSETS["both"], observations.averaged)
     place = np.argmax(fit.average > 0.0, axis=0)
     generator = np.random.default_rng(1)
     time_s, failed, chunk = 0.0, 0, 20_000

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from contextvars import ContextVar
 from typing import TypeVar
@@ -25,7 +25,12 @@ def in_parallel(work: Callable[[T], R], parts: Sequence[T]) -> Generator[R]:
     joblib.parallel_config(n_jobs=4):`` it runs in four processes, with ``backend="dask"`` on a
     cluster of dask.
     """
-    for count, result in enumerate(_results(work, parts), start=1):
+    results: Iterable[R] = map(work, parts)
+    if len(parts) > 1:
+        from joblib import Parallel, delayed  # as slow to load as a whole search of few postures
+
+        results = Parallel(return_as="generator")(delayed(work)(part) for part in parts)
+    for count, result in enumerate(results, start=1):
         on_part.get()(count, len(parts))
         yield result
 
@@ -38,12 +43,3 @@ def on_processors(count: int) -> AbstractContextManager[object]:
 
     context: AbstractContextManager[object] = parallel_config("loky", n_jobs=count)
     return context
-
-
-def _results(work: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:
-    if len(parts) < 2:
-        return map(work, parts)
-    from joblib import Parallel, delayed  # as slow to load as a whole search of few postures
-
-    results: Iterator[R] = Parallel(return_as="generator")(delayed(work)(part) for part in parts)
-    return results

@@ -85,8 +85,12 @@ def minimise(evaluate: Evaluate, start: FloatArray, curvature: FloatArray) -> Op
         step = _step(state, curvature)
         small = _nothing_left(state, np.abs(step).max(axis=0))
         if small.any():
-            state.values[:, small] += step[:, small]
-            _store(optimum, state, small)
+            rows = state.problem[small]
+            optimum.values[:, rows] = state.values[:, small] + step[:, small]
+            optimum.square_sum[rows] = state.square_sum[small]
+            optimum.residual[:, rows] = state.residual[:, small]
+            optimum.jacobian[:, :, rows] = state.jacobian[:, :, small]
+            optimum.converged[rows] = True
             state.keep(~small)
             step = step[:, ~small]
         if not len(state.problem):
@@ -121,19 +125,13 @@ def _advance(evaluate: Evaluate, state: _State, step: FloatArray) -> None:
         state.damping = np.where(better, eased, raised)
 
 
-def _store(optimum: Optimum, state: _State, columns: NDArray[np.bool_]) -> None:
-    rows = state.problem[columns]
-    optimum.values[:, rows] = state.values[:, columns]
-    optimum.square_sum[rows] = state.square_sum[columns]
-    optimum.residual[:, rows] = state.residual[:, columns]
-    optimum.jacobian[:, :, rows] = state.jacobian[:, :, columns]
-    optimum.converged[rows] = True
-
-
 def _step(state: _State, curvature: FloatArray) -> FloatArray:
     """Newton's step ``(k, b)``; Gauss and Newton's where the full matrix is not positive."""
     normal, gradient = normal_equations(state.residual, state.jacobian)
-    damped = _with_damping(normal, state.damping)
+    damped = normal
+    if state.damping.any():
+        damped, index = normal.copy(), np.arange(len(normal))
+        damped[index, index] *= 1.0 + state.damping
     bend = np.tensordot(curvature, state.residual, axes=(0, 0))
     step, positive = solve_positive(damped - bend, gradient)
     if not positive.all():
@@ -151,15 +149,6 @@ def normal_equations(residual: FloatArray, jacobian: FloatArray) -> tuple[FloatA
         np.einsum("inb,jnb->ijb", jacobian, jacobian),
         np.einsum("inb,nb->ib", jacobian, residual),
     )
-
-
-def _with_damping(normal: FloatArray, damping: FloatArray) -> FloatArray:
-    if not damping.any():
-        return normal
-    index = np.arange(len(normal))
-    damped = normal.copy()
-    damped[index, index] *= 1.0 + damping
-    return damped
 
 
 def solve_positive(matrix: FloatArray, right: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
-from typing import Annotated, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Literal, TypeVar, get_type_hints
 
 from calib.arrays import FloatArray
 
@@ -88,12 +88,11 @@ class Internal:
 def quantities(kind: type) -> dict[str, Quantity]:
     """Quantities of a data class by field, in order; one that states nothing is a plain value."""
     hints = get_type_hints(kind, include_extras=True)
-    return {field.name: _quantity(hints[field.name]) for field in fields(kind)}
-
-
-def _quantity(hint: object) -> Quantity:
-    extras = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
-    return next((extra for extra in extras if isinstance(extra, Quantity)), Quantity())
+    extras = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
+    return {
+        field.name: next((e for e in extras[field.name] if isinstance(e, Quantity)), Quantity())
+        for field in fields(kind)
+    }
 
 
 def rows(kind: Callable[..., R], names: Iterable[str], *columns: FloatArray) -> dict[str, R]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc, gammainc, ndtr, ndtri, stdtr, stdtrit
+from scipy.special import chdtrc, fdtrc, gammainc, ndtr, ndtri, stdtrit
 
 from calib.arrays import FloatArray
 
@@ -32,11 +32,6 @@ def variance_ratio_p_value(ratio: float, numerator_df: float, denominator_df: fl
     if math.isinf(denominator_df):
         return float(chdtrc(numerator_df, ratio * numerator_df))
     return float(fdtrc(numerator_df, denominator_df, ratio))
-
-
-def two_sided_p_values(t: FloatArray, degrees_of_freedom: FloatArray) -> FloatArray:
-    """Chance of each Student t ``(k,)`` at least this far from zero, on either side."""
-    return np.asarray(2.0 * stdtr(degrees_of_freedom, -np.abs(t)))
 
 
 def coverage_factors(degrees_of_freedom: FloatArray) -> FloatArray:

@@ -35,11 +35,11 @@ def alias_map(model: Model, planned: Observations, effects: Sequence[Effect]) ->
     """
     figures = IndicatorFigures(repeatability_mm=NOISE_MM)
     cells = Cells.of(SessionCase(model, planned, figures, np.array(TOLERANCE_MM)))
-    problem, ids = PosteriorProblem.of((cells,), effects), {effect.id for effect in effects}
+    problem, ids = PosteriorProblem((cells,), effects), {effect.id for effect in effects}
     leftover = Leftover.about_rows((cells,), problem.rows)
     compared = [
-        (component, problem.columns[:, index])
-        for component, index in zip(problem.components, problem.index, strict=True)
+        (component, problem.linear.columns[:, index])
+        for component, index in zip(problem.components, problem.linear.index, strict=True)
         if component.kind in NAMES and component.id in ids and component.candidate
         if component.candidate.arrangement != "each" and "axes" not in component.where
     ]

@@ -80,10 +80,10 @@ def _beyond_tolerance(posterior: Posterior, model: WeightedModel) -> list[int]:
     """
     tolerances = posterior.sessions[-1].with_free_lines.case.named_beyond
     beyond = []
-    for k, at in zip(model.members, posterior.starts(model), strict=True):
+    for k, places in model.places(posterior.components).items():
         shares = posterior.components[k].shares
         within = bool(shares) and all(
-            abs(model.mean[at + value]) <= WITHIN * tolerances.get(share.effect, 0.0)
+            abs(model.mean[places.start + value]) <= WITHIN * tolerances.get(share.effect, 0.0)
             for share in shares
             for value in share.values
         )
@@ -121,9 +121,9 @@ class Claims:
         weights: dict[Claim, float] = {NOTHING: 0.0}
         acting = posterior.sessions[-1].case.acting
         for model in posterior.models:
-            scaled = zip(model.members, model.scales, strict=True)
-            if not model.mistakes and math.hypot(*(s * shown_by[k] for k, s in scaled)) < UNSEEN:
-                odds = math.exp(log_prior_odds(model.members, model.scales, components, acting))
+            shown = math.hypot(*(scale * shown_by[k] for k, scale in model.key))
+            if not model.mistakes and shown < UNSEEN:
+                odds = math.exp(log_prior_odds(model.key, components, acting))
                 as_before = min(model.weight, odds * plain)
                 weights[NOTHING] += as_before
                 model = replace(model, weight=model.weight - as_before)

@@ -272,8 +272,7 @@ class _Report:
                 continue
             means, variances = [], []
             for model in models:
-                at = self.posterior.starts(model)[model.members.index(number)]
-                places = slice(at, at + len(candidate.parameters))
+                places = model.places(self.components)[number]
                 means.append(model.mean[places])
                 variances.append(model.variance_at(places))
             mean, deviation = mixture_moments(share, np.array(means), np.array(variances))

@@ -89,7 +89,6 @@ class Leftover:
         Raises NotIdentifiable where the legs cannot meet, and UnreachablePosture.
         """
         models, placed_laws = [], []
-        widths: dict[Placed, int] = {}
         free = sessions[0].case.free_spread
         laws = tuple(dict.fromkeys((*timed, *(law for law, _ in free))))
         for cells in sessions:
@@ -104,18 +103,15 @@ class Leftover:
             placed_laws.append(
                 {law: c for law, c in columns.items() if law[0] in timed or law in free}
             )
-            widths |= {law: len(law[0].parameters) for law in placed_laws[-1]}
         shared = np.mean([model.parameters_mm[3:] for model in models], axis=0)
         models = [m.with_parameters(np.array([*m.parameters_mm[:3], *shared])) for m in models]
-        rows = rows_of(sessions, models, placed_laws, widths)
+        rows = rows_of(sessions, models, placed_laws)
         values = sum(len(effect.values) for effect in effects)
-        of_time = np.repeat([law[0] in timed for law in widths], list(widths.values())).astype(bool)
-        starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
-        free = {law: spread for law, spread in free.items() if law in starts}
-        sizes = [
-            rows.columns[:, starts[law] : starts[law] + len(spread)] * spread
-            for law, spread in free.items()
-        ]
+        of_time = np.zeros(rows.columns.shape[1], dtype=bool)
+        for law, places in rows.places.items():
+            of_time[places] = law[0] in timed
+        free = {law: spread for law, spread in free.items() if law in rows.places}
+        sizes = [rows.columns[:, rows.places[law]] * spread for law, spread in free.items()]
         about = _fitted(rows, bars, np.hstack([np.zeros((len(rows.columns), 0)), *sizes]))
         rows = replace(rows, columns=rows.columns[:, of_time])
         return cls(tuple(sessions), rows, about, values, free)

@@ -16,11 +16,10 @@ from calib.diagnosis.gap import LOOSE, Leftover, expected_base, spread_of
 from calib.diagnosis.results import HeldOutGap
 from calib.errors import CalibrationError
 from calib.posterior.cells import Cells
-from calib.posterior.columns import free_columns, linear_about
 from calib.posterior.gaussian import About
 from calib.posterior.library import Component
-from calib.posterior.models import LinearSessions, Posterior
-from calib.posterior.readings import LENGTHS
+from calib.posterior.models import Posterior
+from calib.posterior.readings import LENGTHS, LinearSessions, free_columns, linear_about
 from calib.posterior.selection import SCALES, Key, ModelSelection, Products
 from calib.tripod.effects.effect import Effect, EffectInstance
 
@@ -80,18 +79,14 @@ def _linear_with(
         acting = nominal.with_effects((*nominal.effects, *adopted))
         models.append(acting.with_parameters(np.concatenate([offsets_mm, lengths])))
     components = posterior.components[: len(posterior.linear.index)]
-    linear, _, placed_laws = linear_about(posterior.sessions, models, components)
-    widths = [len(effect.parameters) for effect, _ in placed_laws]
-    starts = dict(zip(placed_laws, np.cumsum([0, *widths[:-1]]).tolist(), strict=True))
-    if not {(instance.effect, instance.place) for instance in adopted} <= starts.keys():
+    linear, _ = linear_about(posterior.sessions, models, components)
+    rows, residual = linear.rows, linear.rows.residual.copy()
+    if not {(instance.effect, instance.place) for instance in adopted} <= rows.places.keys():
         return posterior.linear
-    residual = linear.rows.residual.copy()
     for instance in adopted:
-        at = starts[instance.effect, instance.place]
-        residual += linear.rows.columns[:, at : at + len(instance.values)] @ np.real(
-            instance.values
-        )
-    return replace(linear, rows=replace(linear.rows, residual=residual))
+        columns = rows.columns[:, rows.places[instance.effect, instance.place]]
+        residual += columns @ np.real(instance.values)
+    return replace(linear, rows=replace(rows, residual=residual))
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +150,7 @@ class _LeftOut:
             k for k, component in enumerate(self._components) if component.kind in self.kinds
         }
         return [
-            tuple(zip(model.members, model.scales, strict=True))
+            model.key
             for model in self.posterior.models
             if len(model.members) > 1 and numbers >= {*model.members}
         ][:MOST_SETS]
@@ -169,9 +164,7 @@ class _LeftOut:
         expected = np.concatenate([np.zeros(model_count), expected_base(rows)])
         about = About.of(self._base[used_rows], rows.residual[used_rows], expected)
         columns = about.left_by(linear.columns[used_rows])
-        products = Products(
-            columns.T @ columns, columns.T @ about.left, float(about.left @ about.left)
-        )
+        products = Products.of(columns, about.left)
         base = rows.residual[out_rows] - self._base[out_rows] @ (about.inverse @ about.along)
         selection = ModelSelection(
             products,
@@ -182,9 +175,7 @@ class _LeftOut:
             rows.excess,
             self.posterior.sessions[-1].case.acting,
         )
-        scale_of_components = self._best(selection)
-        index = np.concatenate([linear.index[k] for k, _ in scale_of_components])
-        scale = np.concatenate([np.full(len(linear.index[k]), s) for k, s in scale_of_components])
+        index, scale = selection.columns_of(self._best(selection))
         inner = np.eye(len(index)) + scale[:, None] * products.inner[np.ix_(index, index)] * scale
         sizes = scale * np.linalg.solve(inner, scale * products.along[index])
         moved = linear.columns[used_rows][:, index] @ sizes

@@ -164,12 +164,7 @@ class WeighedCauses:
 
     def index(self, entry: ModelEntry) -> IntArray:
         """Which of all columns of causes are a model's ``(r,)``."""
-        columns = (self.selection.columns[k] for k in entry.members)
-        return np.concatenate([np.zeros(0, dtype=np.intp), *columns])
-
-    def scale(self, entry: ModelEntry) -> FloatArray:
-        """The scale of each of these columns in the model ``(r,)``."""
-        return np.repeat(entry.scales, [len(self.selection.columns[k]) for k in entry.members])
+        return self.selection.columns_of(entry.key)[0]
 
     def columns(self, entry: ModelEntry) -> FloatArray:
         """What a model's values do to the readings ``(n, r)``."""
@@ -180,8 +175,8 @@ class WeighedCauses:
         """Mean ``(r,)`` and covariance ``(r, r)`` of a model's values, in unremarkable sizes; of
         adopted effects what they differ by from ``stated``.
         """
-        index, inner = self.index(entry), np.diag(self.scale(entry) ** -2.0)
-        inner = inner + self.selection.products.inner[np.ix_(index, index)]
+        index, scale = self.selection.columns_of(entry.key)
+        inner = self.selection.products.inner[np.ix_(index, index)] + np.diag(scale**-2.0)
         covariance = np.asarray(np.linalg.inv(inner), dtype=np.float64)
         return np.asarray(covariance @ self.selection.products.along[index]), covariance
 
@@ -344,8 +339,11 @@ def _weighed(
         np.divide(effect.values, cause.size) if effect else np.zeros(len(cause.names))
         for effect, cause in zip(places, causes, strict=True)
     ]
-    members = tuple(k for k, effect in enumerate(places) if effect and not effect.held)
-    scales = tuple(max(ADOPTED, float(np.abs(stated[k]).max())) for k in members)
+    free = (
+        (k, max(ADOPTED, float(np.abs(stated[k]).max())))
+        for k, effect in enumerate(places)
+        if effect and not effect.held
+    )
     models = WeighedCauses(
         readings=readings,
         calibration=calibrated,
@@ -362,7 +360,7 @@ def _weighed(
         weights_of_names={},
         adopted=tuple(adopted),
         stated=np.concatenate(stated),
-        free=ModelEntry(members, scales, 0.0),
+        free=ModelEntry(tuple(free), 0.0),
     )
     if models.spare < FEWEST_SPARE:
         return models
@@ -390,12 +388,11 @@ def _weights(entries: Sequence[ModelEntry]) -> FloatArray:
 def _entries(models: WeighedCauses, looked_for: Sequence[int]) -> Iterator[ModelEntry]:
     """Models of causes ``looked_for``, the ``free`` ones in each of them."""
     selection, free = models.selection, models.free
-    products = selection.products
-    fitted = products.taken_by(models.index(free), models.scale(free), slice(None))
+    (shown, along, _), products = selection.explained_by(free.key), selection.products
     remainder = Products(
-        products.inner - fitted.shown.T @ fitted.shown,
-        products.along - fitted.along @ fitted.shown,
-        products.square - float(fitted.along @ fitted.along),
+        products.inner - shown.T @ shown,
+        products.along - along @ shown,
+        products.square - float(along @ along),
     )
     columns, prior = [selection.columns[k] for k in looked_for], selection.log_prior[[*looked_for]]
     further = replace(
@@ -406,8 +403,8 @@ def _entries(models: WeighedCauses, looked_for: Sequence[int]) -> Iterator[Model
         acting=len(free.members),
     )
     for entry in further.entries(FAINTEST):
-        members = tuple(looked_for[k] for k in entry.members)
-        yield ModelEntry((*members, *free.members), (*entry.scales, *free.scales), entry.log_weight)
+        members = ((looked_for[k], scale) for k, scale in entry.key)
+        yield ModelEntry((*members, *free.key), entry.log_weight)
 
 
 def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
@@ -458,13 +455,13 @@ def diagnosis_from(models: WeighedCauses) -> HexaSlideDiagnosis:
 
 def _selection(about: About, causes: tuple[HexaSlideCause, ...], free: int) -> ModelSelection:
     columns = about.left_by(np.hstack([cause.columns for cause in causes]))
-    products = Products(columns.T @ columns, columns.T @ about.left, float(about.left @ about.left))
     widths = [cause.columns.shape[1] for cause in causes]
     starts = np.cumsum([0, *widths[:-1]])
     index = [np.arange(at, at + w, dtype=np.intp) for at, w in zip(starts, widths, strict=True)]
     places = Counter(name for name, _ in {(cause.id, cause.where) for cause in causes})
     # each kind is as likely, and so is each of its places
     prior = [math.log(cause.share / (len(places) * places[cause.id])) for cause in causes]
+    products = Products.of(columns, about.left)
     return ModelSelection(products, index, np.array(prior), free, math.inf)
 
 
@@ -525,7 +522,7 @@ def left_out_gap(models: WeighedCauses, names: Names) -> LeftOutGap | None:
         return None
     best = models.entries[0]
     widths = [len(models.selection.columns[k]) for k in best.members]
-    scaled = models.columns(best) * models.scale(best)
+    scaled = models.columns(best) * models.selection.columns_of(best.key)[1]
     of_model = np.repeat([k in models.free.members for k in best.members], widths)
     is_named = [(models.causes[k].id, models.causes[k].where) in names for k in best.members]
     of_names = np.repeat(is_named, widths)

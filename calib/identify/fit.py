@@ -15,22 +15,20 @@ from calib.arrays import (
     TOOL,
     Conditions,
     FloatArray,
-    IntArray,
     Observations,
     without_zeros,
 )
 from calib.errors import NotIdentifiable, UnreachablePosture
-from calib.newton import Evaluate, Optimum, minimise
+from calib.newton import Optimum, minimise
 from calib.tripod.differences import Differences, reading_matrix
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import (
     COMPLEX_STEP_MM,
     Model,
-    StageEffect,
     readings_and_derivatives,
     simulate,
 )
-from calib.tripod.plain import PlainDesign, plain_design
+from calib.tripod.plain import plain_design
 
 if TYPE_CHECKING:  # the catalogue comes with it, which a fit without effects does not need
     from calib.tripod.effects.effect import EffectInstance
@@ -62,10 +60,6 @@ class Size:
         """What the model says."""
         effect, number = self.at[0]
         return float(np.real(cast("EffectInstance", model.effects[effect]).values[number]))
-
-    def steps(self, model: Model) -> tuple[StageEffect, ...]:
-        """The model's effects with this size a complex step further."""
-        return _moved_to(model, (), (self,), [self.value(model) + 1j * COMPLEX_STEP_MM]).effects
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +151,7 @@ def exact_fit(
         spread = np.full(len(free) + len(sizes), np.inf)
         fitted = _at_rest(model, observations, free, weight, sizes, spread, begin).model
     else:
-        optimum = PlainFit.of(model, observations, free, weight).solve(
-            observations.value_mm[:, None]
-        )
+        optimum = PlainFit(model, observations, free, weight).solve(observations.value_mm[:, None])
         if not optimum.converged[0]:
             raise _no_optimum("no optimum within reach", observations)
         fitted = _moved_to(model, free, (), optimum.values[:, 0])
@@ -286,7 +278,8 @@ def _predicted(
     predicted, base = readings_and_derivatives(*machine, model.effects)
     columns = [base[:, list(free)]]
     for size in sizes:
-        stepped = simulate(*machine, size.steps(model))
+        further = _moved_to(model, (), (size,), [size.value(model) + 1j * COMPLEX_STEP_MM])
+        stepped = simulate(*machine, further.effects)
         columns.append(stepped.imag[:, None] / COMPLEX_STEP_MM)
     return predicted, np.hstack(columns)
 
@@ -325,7 +318,6 @@ def _furthest_words(observations: Observations) -> str:
     )
 
 
-@dataclass(frozen=True, eq=False)
 class PlainFit:
     """A design prepared once, for any number of sessions measured alike.
 
@@ -334,48 +326,33 @@ class PlainFit:
     derivatives at the model, ``first_step`` ``(k, n_places)`` is the linear solution.
     """
 
-    design: PlainDesign
-    base: FloatArray
-    free: IntArray
-    average: FloatArray
-    whiten: FloatArray
-    curvature: FloatArray
-    first_step: FloatArray
-    predicted: FloatArray
-
-    @classmethod
-    def of(
-        cls, model: Model, observations: Observations, free: tuple[int, ...], weight: FloatArray
-    ) -> PlainFit:
+    def __init__(
+        self, model: Model, observations: Observations, free: tuple[int, ...], weight: FloatArray
+    ) -> None:
         """Prepare for readings taken like these, with weights ``(n_readings,)``."""
         place = observations.posture
         first = np.unique(place, return_index=True)[1]
         total = np.asarray(np.bincount(place, weight), dtype=np.float64)
-        average = np.zeros((len(first), len(observations)))
-        average[place, np.arange(len(observations))] = weight / total[place]
+        self.average = np.zeros((len(first), len(observations)))
+        self.average[place, np.arange(len(observations))] = weight / total[place]
         places = observations.take(first)
-        design = plain_design(model.geometry, places)
+        self.design = plain_design(model.geometry, places)
         centred = without_zeros(places, total, np.eye(len(total)))
-        whiten = np.asarray(np.sqrt(total)[:, None] * centred)
-        base = np.array(model.parameters_mm)[:, None]
-        index = np.array(free, dtype=np.intp)
-        predicted, slope = design.readings_and_derivatives(base)
-        steps = base + 1j * COMPLEX_STEP_MM * np.eye(6)[:, index]
-        bend = design.readings_and_derivatives(steps)[1][index].imag / COMPLEX_STEP_MM
-        curvature = np.einsum("mn,inj->mij", whiten, bend)
-        inverse = np.linalg.pinv(whiten @ slope[index, :, 0].T, rcond=EXACT_BLIND)
-        first_step = np.asarray(inverse, dtype=np.float64)
-        return cls(design, base, index, average, whiten, curvature, first_step, whiten @ predicted)
+        self.whiten = np.asarray(np.sqrt(total)[:, None] * centred)
+        self.base = np.array(model.parameters_mm)[:, None]
+        self.free = np.array(free, dtype=np.intp)
+        predicted, slope = self.design.readings_and_derivatives(self.base)
+        steps = self.base + 1j * COMPLEX_STEP_MM * np.eye(6)[:, self.free]
+        bend = self.design.readings_and_derivatives(steps)[1][self.free].imag / COMPLEX_STEP_MM
+        self.curvature = np.einsum("mn,inj->mij", self.whiten, bend)
+        inverse = np.linalg.pinv(self.whiten @ slope[self.free, :, 0].T, rcond=EXACT_BLIND)
+        self.first_step = np.asarray(inverse, dtype=np.float64)
+        self.predicted = self.whiten @ predicted
 
     def solve(self, value_mm: FloatArray) -> Optimum:
         """Best free parameters of sessions with readings ``(n_readings, b)``, mm."""
         measured = self.whiten @ (self.average @ value_mm)
-        start = self.first_step @ (measured - self.predicted)
-        bent = np.einsum("nij,ib,jb->nb", self.curvature, start, start)
-        start = start - self.first_step @ (0.5 * bent) + self.base[self.free]
-        return minimise(self._evaluate(measured), start, self.curvature)
 
-    def _evaluate(self, measured: FloatArray) -> Evaluate:
         def evaluate(
             values: FloatArray, problem: NDArray[np.intp]
         ) -> tuple[FloatArray, FloatArray]:
@@ -387,4 +364,7 @@ class PlainFit:
                 slope = slope[self.free]
             return measured[:, problem] - self.whiten @ predicted, np.matmul(self.whiten, slope)
 
-        return evaluate
+        start = self.first_step @ (measured - self.predicted)
+        bent = np.einsum("nij,ib,jb->nb", self.curvature, start, start)
+        start = start - self.first_step @ (0.5 * bent) + self.base[self.free]
+        return minimise(evaluate, start, self.curvature)

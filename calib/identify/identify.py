@@ -12,6 +12,7 @@ Three ways, told apart by ``method`` and ``weights``:
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -140,7 +141,10 @@ def identify(
     nominal_mm = measured.of(model.readings(visits))
     predicted = measured.of(fit.predicted_mm)
     k, coverage = len(free), coverage_factors(spread.degrees_of_freedom)
-    system = measured.combine @ fit.design
+    independent = len(visits) - set_up_unknowns(visits)
+    if method == "linear":  # differences of contacts of a mounting add up to nothing
+        independent = len(measured) - len(np.unique(visits.mount[visits.contact]))
+    sight = _identifiability(case, weight, free, noise, within_mm, efficient.design)
     return Solution(
         model=fit.model,
         subset=subset,
@@ -163,12 +167,7 @@ def identify(
         predicted_mm=predicted,
         rms_before_mm=_rms(measured.value_mm - nominal_mm),
         rms_after_mm=_rms(measured.value_mm - predicted),
-        degrees_of_freedom=(
-            _independent(measured, visits)
-            if method == "linear"
-            else len(visits) - set_up_unknowns(visits)
-        )
-        - fit.design.shape[1],
+        degrees_of_freedom=independent - fit.design.shape[1],
         noise=noise,
         lack_of_fit=lack_of_fit(
             visits,
@@ -176,10 +175,8 @@ def identify(
             float(np.trace(efficient.estimator @ efficient.design)),
             noise,
         ),
-        condition_number=float(np.linalg.cond(system)),
-        weak_directions=_identifiability(
-            case, weight, efficient.design, free, noise, within_mm
-        ).weak,
+        condition_number=float(np.linalg.cond(measured.combine @ fit.design)),
+        weak_directions=sight.weak,
         residual_mm=without_zeros(visits, weight, visits.value_mm - fit.predicted_mm),
         outside=_of_others(fit, visits, free),
         tolerance_mm=tolerance_mm,
@@ -202,39 +199,34 @@ def _efficient_fit(
     tolerance_mm: FloatArray,
 ) -> Fit:
     """The best estimate of its kind, refused where some combination is not seen."""
-    model, visits, noise, sizes = case.model, case.visits, case.noise, case.sizes
-    free = SUBSETS[subset]
+    model, visits, sizes, free = case.model, case.visits, case.sizes, SUBSETS[subset]
     within_mm = tolerance_mm if subset == "with-tolerances" else None
-    begin = model
+    sight, begin = partial(_identifiability, case, weight, free, case.noise, within_mm), model
     if sizes:  # no fit can begin with a size that nothing shows
         try:
-            _identifiability(
-                case, weight, design_of(model, visits, free, sizes), free, noise, within_mm
-            )
+            sight(design_of(model, visits, free, sizes))
         except NotIdentifiable:  # some act only where the machine is off
             begin = prior_fit(model, visits, weight, tolerance_mm).model
-            _identifiability(
-                case, weight, design_of(begin, visits, free, sizes), free, noise, within_mm
-            )
+            sight(design_of(begin, visits, free, sizes))
     if within_mm is not None:
         return prior_fit(model, visits, weight, within_mm, sizes, begin)
     advice = MORE_PLACES if few_contacts(visits) else ""
     linear = weighted_fit(model, visits, free, weight)
-    refuse_unseen(_identifiability(case, weight, linear.design, free, noise), subset, advice)
+    refuse_unseen(sight(linear.design), subset, advice)
     if method == "linear":
         return linear
     exact = exact_fit(model, visits, free, weight, sizes, begin)
-    refuse_unseen(_identifiability(case, weight, exact.design, free, noise), subset, advice)
+    refuse_unseen(sight(exact.design), subset, advice)
     return exact
 
 
 def _identifiability(
     case: IdentificationCase,
     weight: FloatArray,
-    design: FloatArray,
     free: tuple[int, ...],
     noise: Noise | None,
-    tolerance_mm: FloatArray | None = None,
+    tolerance_mm: FloatArray | None,
+    design: FloatArray,
 ) -> Identifiability:
     """What the readings see of the parameters; tolerances ``(k,)`` count as measurements beside.
 
@@ -244,9 +236,7 @@ def _identifiability(
     k = len(free)
     rows = np.sqrt(weight)[:, None] * without_zeros(case.visits, weight, design)
     if tolerance_mm is not None:
-        prior = np.zeros((k, rows.shape[1]))
-        np.fill_diagonal(prior, 1.0 / tolerance_mm)
-        rows = np.vstack([rows, prior])
+        rows = np.vstack([rows, np.eye(k, rows.shape[1]) / tolerance_mm[:, None]])
     base, sizes = rows[:, :k], rows[:, k:]
     if sizes.shape[1]:
         _refuse_unseen_sizes(case, without(basis_of(base, DEPENDENT), sizes), noise)
@@ -371,22 +361,14 @@ def propagate(estimator: FloatArray, observations: Observations, noise: Noise) -
     shared = together @ together.T
     covariance = covariance + shared
     variance, squares = covariance.diagonal(), estimator**2 * repeatability_mm2
-    degrees_of_indicator = np.array(
-        [indicator.degrees_of_freedom for indicator in noise.indicators]
-    )
     group = noise.estimates[observations.indicator]
     spread = np.zeros_like(variance)
-    for number in np.unique(group):
+    for number in np.unique(group).tolist():
         contribution = squares[:, group == number].sum(axis=1)
-        spread += contribution**2 / degrees_of_indicator[number]
+        spread += contribution**2 / noise.indicators[number].degrees_of_freedom
     with np.errstate(divide="ignore"):
         degrees = np.asarray(np.where(spread > 0.0, variance**2 / spread, np.inf))
     return Propagation(covariance, degrees, np.zeros_like(covariance), shared)
-
-
-def _independent(measured: Differences, observations: Observations) -> int:
-    """How many differences are: those of contacts of a mounting add up to nothing."""
-    return len(measured) - len(np.unique(observations.mount[observations.contact]))
 
 
 def uncertainties(combine: csr_array, observations: Observations, noise: Noise) -> FloatArray:

@@ -111,7 +111,7 @@ class MonteCarlo:
 
 def simulate_and_identify(campaign: Campaign, sessions: int, seed: int) -> MonteCarlo:
     """Simulate, identify and judge so many sessions."""
-    kind = _Kind.of(campaign)
+    kind = _Kind(campaign)
     chunks = [(start, min(start + CHUNK, sessions)) for start in range(0, sessions, CHUNK)]
     parts = in_parallel(lambda chunk: kind.sums(seed, *chunk), chunks)
     good, covered, product, stated_variance = (
@@ -128,30 +128,20 @@ def simulate_and_identify(campaign: Campaign, sessions: int, seed: int) -> Monte
     )
 
 
-@dataclass(frozen=True, eq=False)
 class _Kind:
     """One kind of session, prepared."""
 
-    campaign: Campaign
-    fit: PlainFit
-    repeats: Repeats
-    count_at_place: FloatArray
-    place: FloatArray
-    expected: IndicatorNoise
-
-    @classmethod
-    def of(cls, campaign: Campaign) -> _Kind:
-        observations = campaign.observations
+    def __init__(self, campaign: Campaign) -> None:
+        self.campaign, observations = campaign, campaign.observations
         count = observations.indicator_count
         expected = IndicatorFigures(campaign.resolution_mm, campaign.scatter_mm).noise(count)
         # perfect readings: equal weights, whatever they are
         expected = expected or Noise((IndicatorNoise(1.0, 0.0, math.inf),) * count, "instrument")
+        self.expected, self.repeats = expected.indicators[0], Repeats.of(observations)
         weight = reading_weights(observations, expected)
-        fit = PlainFit.of(campaign.model, observations, campaign.free, weight)
-        place = np.argmax(fit.average > 0.0, axis=0)
-        together = np.asarray(np.bincount(place, observations.averaged), dtype=np.float64)
-        repeats = Repeats.of(observations)
-        return cls(campaign, fit, repeats, together, place, expected.indicators[0])
+        self.fit = PlainFit(campaign.model, observations, campaign.free, weight)
+        self.place = np.argmax(self.fit.average > 0.0, axis=0)
+        self.count_at_place = np.bincount(self.place, observations.averaged)
 
     def sums(
         self, seed: int, start: int, end: int
@@ -165,7 +155,7 @@ class _Kind:
         optimum = self.fit.solve(values)
         good = optimum.converged
         error = (optimum.values - truth)[:, good]
-        uncertainty, factor = (of[:, good] for of in self.intervals(optimum, values))
+        uncertainty, factor = (part[:, good] for part in self.intervals(optimum, values))
         covered = np.abs(error) <= factor * uncertainty
         return int(good.sum()), covered.sum(axis=1), error @ error.T, (uncertainty**2).sum(axis=1)
 

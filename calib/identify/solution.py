@@ -199,7 +199,7 @@ class Solution:
     @property
     def expanded_with_tolerances_mm(self) -> FloatArray:
         """Expanded uncertainties (95 %) ``(k,)`` with all outside the set off within tolerances."""
-        return self._with_tolerances(self.outside)
+        return np.asarray(np.hypot(self.expanded_mm, self._off_mm(self.outside)))
 
     @property
     def uncertainty_with_tolerances_mm(self) -> FloatArray:
@@ -213,16 +213,13 @@ class Solution:
         if self.subset != "joint-offsets":
             return None
         apart = self.outside + np.eye(len(PARAMETER_NAMES))[3:]
-        expanded_mm = self._with_tolerances(apart)
+        expanded_mm = np.asarray(np.hypot(self.expanded_mm, self._off_mm(apart)))
         return expanded_mm if (expanded_mm < 0.5 * self.expanded_with_tolerances_mm).all() else None
-
-    def _with_tolerances(self, outside: FloatArray) -> FloatArray:
-        return np.asarray(np.hypot(self.expanded_mm, self._off_mm(outside)))
 
     def _off_mm(self, outside: FloatArray) -> FloatArray:
         """What parts outside the set, off within tolerances, make of the parameters (95 %)."""
-        off = coverage_factor(math.inf) * np.linalg.norm(outside * self.tolerance_mm, axis=1)
-        return np.asarray(off)
+        off_mm = np.linalg.norm(outside * self.tolerance_mm, axis=1)
+        return np.asarray(coverage_factor(math.inf) * off_mm)
 
     @property
     def budget_mm(self) -> dict[str, FloatArray]:

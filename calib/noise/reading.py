@@ -154,11 +154,9 @@ def reading_weights(observations: Observations, noise: Noise | None) -> FloatArr
         return observations.averaged
     place = observations.posture
     together = np.bincount(place, observations.averaged)[place]
-    repeatability = np.array([indicator.repeatability_mm2 for indicator in noise.indicators])
-    of_mean = repeatability[observations.indicator] / together + noise.quantisation_mm2(
-        observations
-    )
-    return np.asarray(observations.averaged / together / of_mean)
+    share = observations.averaged / together
+    of_mean = share * noise.repeatability_mm2(observations) + noise.quantisation_mm2(observations)
+    return np.asarray(share / of_mean)
 
 
 @dataclass(frozen=True)
@@ -275,7 +273,7 @@ def reading_noise(
         repeats = Repeats.of(visits, apart)
     free = repeats.degrees_of_freedom
     step = indicator.display_mm
-    squares = repeats.sums_of_squares(visits.value_mm[:, None])[:, 0]
+    squares = repeats.sums_of_squares(visits.value_mm)
     if free.sum() <= 0.0:
         # a probe trips within many of its steps: without repeats these alone tell no noise
         only_steps = visits.contact.all() and not indicator.repeatability_mm
@@ -339,16 +337,10 @@ def may_be_pooled(squares: FloatArray, free: FloatArray, step: float) -> bool:
     if len(nu) < 2:
         return True
     remaining_square, remaining_nu = square.sum() - square, nu.sum() - nu
-    variances, pooled_variances = (
-        _variances(square / nu, step, nu),
-        _variances(remaining_square / remaining_nu, step, remaining_nu),
-    )
-    ratio = np.divide(
-        variances,
-        pooled_variances,
-        out=np.full_like(variances, np.inf),
-        where=pooled_variances > 0.0,
-    )
+    variances = _variances(square / nu, step, nu)
+    pooled = _variances(remaining_square / remaining_nu, step, remaining_nu)
+    never = np.full_like(variances, np.inf)
+    ratio = np.divide(variances, pooled, out=never, where=pooled > 0.0)
     return bool((fdtrc(nu, remaining_nu, ratio) * len(nu) >= POOLING_LEVEL).all())
 
 

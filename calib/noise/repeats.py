@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtrc
+from scipy.special import fdtrc, stdtr
 
 from calib.arrays import (
     NEW_DIRECTION,
@@ -23,7 +23,7 @@ from calib.arrays import (
     without,
     without_means,
 )
-from calib.stats import two_sided_p_values, variance_ratio_p_value
+from calib.stats import variance_ratio_p_value
 
 OUTLIER_LEVEL = 0.01
 """Chance that one of all readings is called an outlier although none is (Bonferroni)."""
@@ -100,27 +100,27 @@ class Repeats:
     def standard_deviation_mm(self) -> float | None:
         """Standard deviation of a single value, all indicators pooled, mm; None without repeats."""
         free = float(self.degrees_of_freedom.sum())
-        square = float(self.sums_of_squares(self.observations.value_mm[:, None]).sum())
+        square = float(self.sums_of_squares(self.observations.value_mm).sum())
         return math.sqrt(square / free) if free else None
 
     def scatter(self, value_mm: FloatArray) -> FloatArray:
-        """What repeats leave of values ``(n_readings, b)``, weighted; same shape, mm."""
-        departure_mm = _without_cells(np.sqrt(self.observations.averaged), self.cell, value_mm)
+        """What repeats leave of values ``(n_readings, ...)``, weighted; same shape, mm."""
+        departure_mm = _without_cells(self.observations.averaged, self.cell, value_mm)
         for rows, basis in self.cycles:
             departure_mm[rows] = without(basis, departure_mm[rows])
         return departure_mm
 
     def sums_of_squares(self, value_mm: FloatArray) -> FloatArray:
-        """Sums of squares ``(n_indicators, b)`` in mm² for values ``(n_readings, b)``."""
+        """Sums of squares ``(n_indicators, ...)`` in mm² for values ``(n_readings, ...)``."""
         squares = self.scatter(value_mm) ** 2
-        total = np.zeros((self.observations.indicator_count, squares.shape[1]))
+        total = np.zeros((self.observations.indicator_count, *squares.shape[1:]))
         np.add.at(total, self.observations.indicator, squares)
         return total
 
 
-def _without_cells(root: FloatArray, cell: IntArray, value: FloatArray) -> FloatArray:
-    """Values ``(n, b)`` minus the weighted means of their cells, times the root of the weight."""
-    return root[:, None] * without_means(cell, root**2, value)
+def _without_cells(weight: FloatArray, cell: IntArray, value: FloatArray) -> FloatArray:
+    """Values ``(n, ...)`` minus the weighted means of their cells, times the root of the weight."""
+    return np.asarray((without_means(cell, weight, value).T * np.sqrt(weight)).T)
 
 
 def _cycles(visits: Observations, rows: IntArray) -> FloatArray:
@@ -142,8 +142,7 @@ def _beside_cells(
     """Orthonormal basis ``(n_rows, rank)`` of columns of a mounting, cell means taken out."""
     if not columns.any():
         return np.zeros((len(rows), 0))
-    root = np.sqrt(visits.averaged[rows])
-    return basis_by_products(_without_cells(root, numbered(cell), columns))
+    return basis_by_products(_without_cells(visits.averaged[rows], numbered(cell), columns))
 
 
 def disagreeing(repeats: Repeats, floor_mm2: float) -> list[int]:
@@ -184,9 +183,7 @@ def _off_their_cells(observations: Observations, cell: IntArray) -> FloatArray:
     """How far each reading ``(n,)`` is from its repeats, mm; 0 where it has none."""
     open_share = 1.0 - observations.averaged / np.bincount(cell, observations.averaged)[cell]
     judged = open_share > NEW_DIRECTION**2
-    departure_mm = _without_cells(
-        np.sqrt(observations.averaged), cell, observations.value_mm[:, None]
-    )[:, 0]
+    departure_mm = _without_cells(observations.averaged, cell, observations.value_mm)
     return np.where(judged, departure_mm / np.sqrt(np.where(judged, open_share, 1.0)), 0.0)
 
 
@@ -231,24 +228,21 @@ def outlying_readings(repeats: Repeats, floor_mm2: float) -> tuple[Outlier, ...]
     others, else that of its own indicator. ``floor_mm2`` is the least variance that a reading can
     have: the rounding of its display.
     """
-    departure_mm = repeats.scatter(repeats.observations.value_mm[:, None])[:, 0]
+    value_mm = repeats.observations.value_mm
+    departure_mm = repeats.scatter(value_mm)
     free = float(repeats.degrees_of_freedom.sum())
     open_share = 1.0 - repeats.leverage
     judged = np.flatnonzero(open_share > NEW_DIRECTION**2)
     if free <= 1.0 or not len(judged):
         return ()
     square = departure_mm[judged] ** 2 / open_share[judged]
-    squares = repeats.sums_of_squares(repeats.observations.value_mm[:, None])[:, 0]
-    variance, nu = _others(
-        squares, repeats.degrees_of_freedom, repeats.observations.indicator[judged], square
-    )
+    squares, indicator = repeats.sums_of_squares(value_mm), repeats.observations.indicator[judged]
+    variance, nu = _others(squares, repeats.degrees_of_freedom, indicator, square)
     t = np.sign(departure_mm[judged]) * np.sqrt(square / np.maximum(variance, max(floor_mm2, TINY)))
-    p = np.minimum(two_sided_p_values(t, nu) * len(judged), 1.0)
+    p = np.minimum(2.0 * stdtr(nu, -np.abs(t)) * len(judged), 1.0)
     outlying = p < OUTLIER_LEVEL
-    outliers = zip(
-        judged[outlying].tolist(), t[outlying].tolist(), p[outlying].tolist(), strict=True
-    )
-    return tuple(Outlier(*outlier) for outlier in outliers)
+    columns = (column[outlying].tolist() for column in (judged, t, p))
+    return tuple(Outlier(*outlier) for outlier in zip(*columns, strict=True))
 
 
 def cycle_drift(repeats: Repeats, floor_mm2: float) -> float | None:
@@ -258,15 +252,13 @@ def cycle_drift(repeats: Repeats, floor_mm2: float) -> float | None:
     drifts within a cycle is not seen here and goes into the differences.
     """
     observations = repeats.observations
-    departure_mm = _without_cells(
-        np.sqrt(observations.averaged), repeats.cell, observations.value_mm[:, None]
-    )
+    departure_mm = _without_cells(observations.averaged, repeats.cell, observations.value_mm)
     square = sum(squares_in(basis, departure_mm[rows]) for rows, basis in repeats.cycles)
     rank = float(sum(basis.shape[1] for _, basis in repeats.cycles))
     free = float(repeats.degrees_of_freedom.sum())
     if not rank or free <= 0.0:
         return None
-    scatter = float(repeats.sums_of_squares(observations.value_mm[:, None]).sum()) / free
+    scatter = float(repeats.sums_of_squares(observations.value_mm).sum()) / free
     scatter = max(scatter, floor_mm2, TINY)
     between = square / rank
     if variance_ratio_p_value(between / scatter, rank, free) >= OUTLIER_LEVEL:
@@ -287,10 +279,8 @@ def _others(
     own_square, nu_own = np.maximum(squares[indicator] - square, 0.0), free[indicator] - 1.0
     other_square, nu_others = total - squares[indicator], nu_total - free[indicator]
     comparable = (nu_own > 0.0) & (nu_others > 0.0)
-    alone, nu_alone = (
-        own_square / np.where(comparable, nu_own, 1.0),
-        np.where(comparable, nu_own, 1.0),
-    )
+    nu_alone = np.where(comparable, nu_own, 1.0)
+    alone = own_square / nu_alone
     nu_beside = np.where(comparable, nu_others, 1.0)
     noisier = fdtrc(nu_alone, nu_beside, alone / np.maximum(other_square / nu_beside, TINY))
     unequal = comparable & (np.minimum(noisier, 1.0 - noisier) < UNEQUAL_LEVEL)

@@ -139,16 +139,11 @@ def readings_apart(screen: Screen) -> Iterator[Scored]:
             row = int(suspect.groups[0][0])
             chance, label = _other_label(visits, row, float(root[row]))
             if chance > density[0]:
-                name, title, density = (
-                    "label_error",
-                    f"{title}; it fits {label}",
-                    np.array([chance]),
-                )
+                name, title = "label_error", f"{title}; it fits {label}"
+                density = np.array([chance])
         log_prior = math.log(PRIOR[name] / suspect.places) + float(np.log(density).sum())
-        yield (
-            float(gain) + room + log_prior,
-            standing_apart(visits, name, suspect.where, title, suspect.groups, log_prior),
-        )
+        mistake = standing_apart(visits, name, suspect.where, title, suspect.groups, log_prior)
+        yield float(gain) + room + log_prior, mistake
 
 
 def standing_apart(
@@ -163,11 +158,8 @@ def standing_apart(
     mount = visits.mount.copy()
     for k, rows in enumerate(groups):
         mount[rows] = visits.mount_count + k
-    right, rows_themselves = (
-        replace(visits, mount=numbered(mount)),
-        np.arange(len(visits), dtype=np.intp),
-    )
-    return Mistake(id, where, title, np.concatenate(groups), right, log_prior, rows_themselves)
+    right, source = replace(visits, mount=numbered(mount)), np.arange(len(visits), dtype=np.intp)
+    return Mistake(id, where, title, np.concatenate(groups), right, log_prior, source)
 
 
 def single_readings(screen: Screen) -> Iterator[_Apart]:
@@ -240,17 +232,18 @@ def _first_takes(visits: Observations) -> Iterator[_Apart]:
     leg, station = visits.leg[first], visits.station[first]
     stands = (numbered(leg, station, visits.over_plane[first]), leg, np.zeros_like(leg))
     sets = {tuple(first[k].tolist()) for key in stands for k in rows_of(numbered(key))}
-    title = first_take_words(visits)
     for members in sorted(sets):
-        legs = {TOUCHED_LETTERS[number] for number in visits.leg[list(members)].tolist()}
-        groups = tuple(np.array([row]) for row in members)
-        where = legs.pop() if len(legs) == 1 else "all"
-        yield _Apart("first_take", where, title, groups, len(sets))
+        yield _Apart(*first_takes(visits, members), len(sets))
 
 
-def first_take_words(visits: Observations) -> str:
-    """What a first take that stands apart may be."""
-    return FIRST_CONTACT if visits.contact.any() else FIRST_TAKE
+def first_takes(
+    visits: Observations, members: Sequence[int]
+) -> tuple[str, str, str, tuple[IntArray, ...]]:
+    """The mistake of first takes that stand apart: id, place, what it may be, its groups."""
+    legs = {TOUCHED_LETTERS[number] for number in visits.leg[list(members)].tolist()}
+    where = legs.pop() if len(legs) == 1 else "all"
+    title = FIRST_CONTACT if visits.contact.any() else FIRST_TAKE
+    return "first_take", where, title, tuple(np.array([row]) for row in members)
 
 
 def _slips(screen: Screen) -> Iterator[_Apart]:

@@ -128,13 +128,12 @@ class SessionCase:
         """
         spread = {law: np.array([size]) for law, size in self.lines.items()}
         for instance in self.model.effects:
-            if (
-                isinstance(instance, EffectInstance)
-                and (instance.effect, instance.place) in self.free
-            ):
+            if not isinstance(instance, EffectInstance):
+                continue
+            law = instance.effect, instance.place
+            if law in self.free:
                 least = [ADOPTED * parameter.tolerance for parameter in instance.effect.parameters]
                 spread_of_values = np.maximum(least, np.abs(instance.values))
-                law = instance.effect, instance.place
                 spread[law] = np.maximum(spread_of_values, spread.get(law, spread_of_values))
         return spread
 
@@ -142,12 +141,8 @@ class SessionCase:
     def of_one_size(self) -> list[list[Placed]]:
         """Laws at the places that share the size of an adopted effect."""
         laws_by_size: dict[object, list[Placed]] = {}
-        for instance in self.model.effects:
-            if not isinstance(instance, EffectInstance):
-                continue
-            law = instance.effect, instance.place
-            if law in self.free and law not in self.lines:
-                laws_by_size.setdefault((law[0], self.free[law]), []).append(law)
+        for law, size in self.free.items():
+            laws_by_size.setdefault((law[0], size), []).append(law)
         return [laws for laws in laws_by_size.values() if len(laws) > 1]
 
     @property
@@ -367,26 +362,18 @@ class Cells:
         case = self.case
         if not case.lines:
             return prior_fit(case.model, self.means, 1.0 / self.variance_mm2, case.spread_mm).model
-        with within_reach(self.means):
-            return self._fitted_beside_geometry()
-
-    def _fitted_beside_geometry(self) -> Model:
-        """The fitted model, what geometry does within its tolerances being a part of the noise."""
-        model, root = self.case.model, self.case.base_root
-        for _ in range(STEPS):
-            little = LittleOfAll(self.whitened(_by_geometry(self.case, model, self.means)))
-            rows = np.column_stack(
-                [
-                    self.means.value_mm - model.readings(self.means),
-                    design_of(model, self.means, range(BASE), ()) @ root,
-                ]
-            )
-            rows = little.whitened(self.whitened(rows))
-            expected_mm = np.subtract(self.case.model.parameters_mm, model.parameters_mm)
-            expected = np.asarray(np.linalg.solve(root, expected_mm), dtype=np.float64)
-            about = About.of(rows[:, 1:], rows[:, 0], expected)
-            step_mm = root @ (about.inverse @ about.along)
-            model = model.with_parameters(model.parameters_mm + step_mm)
+        model, root = case.model, case.base_root
+        for _ in range(STEPS):  # what geometry does within its tolerances is a part of the noise
+            with within_reach(self.means):
+                little = LittleOfAll(self.whitened(_by_geometry(case, model, self.means)))
+                design = design_of(model, self.means, range(BASE), ()) @ root
+                rows = np.column_stack([self.means.value_mm - model.readings(self.means), design])
+                rows = little.whitened(self.whitened(rows))
+                expected_mm = np.subtract(case.model.parameters_mm, model.parameters_mm)
+                expected = np.asarray(np.linalg.solve(root, expected_mm), dtype=np.float64)
+                about = About.of(rows[:, 1:], rows[:, 0], expected)
+                step_mm = root @ (about.inverse @ about.along)
+                model = model.with_parameters(model.parameters_mm + step_mm)
         return model
 
     def whitened(self, rows: FloatArray) -> FloatArray:
@@ -441,8 +428,8 @@ class Cells:
             mountings = _by_mounting(self.visits, self.cell, self._counted_mm2, self.serial)
             remainder = np.vstack(
                 [
-                    without(basis, independent(self.serial, rows[there] / root[there]))
-                    for there, _, basis, _ in mountings
+                    without(basis, independent(self.serial, rows[of_mount] / root[of_mount]))
+                    for of_mount, _, basis, _ in mountings
                 ]
             )
         else:
@@ -518,8 +505,8 @@ def _means(
         variance = 1.0 / total
     else:
         value_mm, time_s, variance = (np.empty(len(rows)) for _ in range(3))
-        for there, cells, basis, inverse in _by_mounting(visits, cell, scatter_mm2, serial):
-            whitened_values = values[there] / np.sqrt(scatter_mm2[there])[:, None]
+        for of_mount, cells, basis, inverse in _by_mounting(visits, cell, scatter_mm2, serial):
+            whitened_values = values[of_mount] / np.sqrt(scatter_mm2[of_mount])[:, None]
             value_mm[cells], time_s[cells] = (
                 inverse @ (basis.T @ independent(serial, whitened_values))
             ).T
@@ -563,7 +550,7 @@ def _robust_weights(repeats: Repeats, scatter_mm2: FloatArray) -> FloatArray:
     readings of a cycle share is no distance. A cell of few readings, of which one lies far, is
     known less well.
     """
-    residual_mm = repeats.scatter(repeats.observations.value_mm[:, None])[:, 0]
+    residual_mm = repeats.scatter(repeats.observations.value_mm)
     share = np.maximum(1.0 - repeats.leverage, NEW_DIRECTION)
     averaged = repeats.observations.averaged
     distance = np.abs(residual_mm) / np.sqrt(averaged * scatter_mm2 * share)

@@ -142,11 +142,11 @@ def parts_of(posterior: Posterior, holds: Holds) -> dict[Holds, list[Part]]:
     """What a controller holds, the simplest first; each in the parts that it is entered in."""
     parts: dict[tuple[Holds, str], list[int]] = {("offsets", "offsets"): [0, 1, 2]}
     parts["kinematics", "lengths"] = [3, 4, 5]
-    for law in posterior.field.placed:
+    for law in posterior.field.columns:
         if entry := _part_of(*law):
-            parts.setdefault(entry, []).extend(posterior.field.columns_of(law))
+            parts.setdefault(entry, []).extend(posterior.field.columns[law])
     return {
-        group: [(name, tuple(index)) for (of, name), index in parts.items() if of == group]
+        group: [(name, tuple(index)) for (holder, name), index in parts.items() if holder == group]
         for group in HOLDS[: HOLDS.index(holds) + 1]
     }
 
@@ -213,9 +213,9 @@ def projector_of(field: ToolField, index: Sequence[int], frame: Frame) -> FloatA
     """
     waves = {
         k
-        for law in field.placed
+        for law in field.columns
         if isinstance(law[0], ActuatorCyclic | Repeating)
-        for k in field.columns_of(law)
+        for k in field.columns[law]
     }
     inner = field.metrics[frame] + TIED * field.metrics["machine"]
     mapped = np.eye(len(inner))[list(index)]
@@ -244,7 +244,7 @@ def doubt(
 
     What no reading of a leg shows of the frame is no reason against what they do show.
     """
-    weight = np.array([model.weight for model in errors.models])
+    weight = errors.weight
     loss_mm2 = errors.expected(without) - errors.expected(with_it)
     gain = float(weight @ loss_mm2)
     without_mm2 = errors.seen.expected_mm(without) ** 2
@@ -262,8 +262,8 @@ def model_of(posterior: Posterior, values: FloatArray) -> Model:
     """The machine with these values: what a controller is told."""
     field = posterior.field
     effects = []
-    for law in field.placed:
-        sizes = values[list(field.columns_of(law))]
+    for law in field.columns:
+        sizes = values[field.columns[law]]
         if sizes.any():
             effects.append(EffectInstance(*law, tuple(float(v) for v in sizes)))
     return Model(posterior.geometry, tuple(float(v) for v in values[:BASE]), tuple(effects))

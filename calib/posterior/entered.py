@@ -38,8 +38,8 @@ def values_of(field: ToolField, model: Model) -> FloatArray:
     values = np.zeros(field.rows.shape[1])
     values[:BASE] = model.parameters_mm
     for effect in model.effects:
-        if isinstance(effect, EffectInstance) and (effect.effect, effect.place) in field.placed:
-            columns = list(field.columns_of((effect.effect, effect.place)))
+        if isinstance(effect, EffectInstance) and (effect.effect, effect.place) in field.columns:
+            columns = field.columns[effect.effect, effect.place]
             values[columns] += np.real(effect.values)
         elif effect.stage in MOVES_THE_TOOL:
             raise ImpossibleRequest(
@@ -72,7 +72,7 @@ def tower_values(posterior: Posterior, entered: EnteredTowers) -> FloatArray:
     moved = entered.towers.feet_mm - entered.now.feet_mm
     law = AxisOffset(tuple(posterior.geometry.across))
     for place, across in posterior.geometry.across.items():
-        (column,) = field.columns_of((law, place))
+        (column,) = field.columns[law, place]
         values[column] = moved[LEG_NAMES.index(place[0])] @ across[:2]
     scales = [
         EffectInstance(ActuatorScale(), name, (part / PER_THOUSAND,))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import starmap
 from typing import Annotated
 
 import numpy as np
@@ -63,18 +64,11 @@ def expected_of(planning: TripodPlanning, tolerance_mm: FloatArray) -> ExpectedR
     half_widths = _half_widths(jacobian)
     # in units of the tolerances, so that a small one beside a large one is no lost direction
     within = tolerance_mm * _half_widths(np.vstack([jacobian * tolerance_mm, np.eye(6)]))
-    rows = zip(PARAMETER_NAMES, alone.tolist(), half_widths.tolist(), within.tolist(), strict=True)
+    figures = [[mm if math.isfinite(mm) else None for mm in part] for part in (alone, half_widths)]
+    columns = PARAMETER_NAMES, *figures, within.tolist()
     prior = posterior([_nothing_new(planning, tolerance_mm)])
     offsets = correction(prior, "offsets")
-    parameters = tuple(
-        ExpectedParameter(
-            name,
-            kind if math.isfinite(kind) else None,
-            six if math.isfinite(six) else None,
-            last,
-        )
-        for name, kind, six, last in rows
-    )
+    parameters = tuple(starmap(ExpectedParameter, zip(*columns, strict=True)))
     worst = _worst(prior, offsets.off.values)
     return ExpectedResult(parameters, offsets.off.bound_in("touched-off"), worst)
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.arrays import TOUCHED_LETTERS, FloatArray, IntArray, numbered
+from calib.arrays import FloatArray, IntArray, numbered
 from calib.posterior.apart import (
     LEAST,
     LOG_RANGE,
     Mistake,
-    first_take_words,
+    first_takes,
     standing_apart,
 )
 from calib.posterior.cells import FINEST_MM, Cells
@@ -54,11 +54,7 @@ def first_takes_apart(cells: Cells, session: int) -> Mistake | None:
     rows = sorted(off_mm)
     far_mm = np.maximum(np.abs([off_mm[row] for row in rows]), FINEST_MM)
     log_prior = math.log(WITHIN) - float(np.log(2.0 * LOG_RANGE * far_mm).sum())
-    legs = {TOUCHED_LETTERS[leg] for leg in visits.leg[rows].tolist()}
-    where = legs.pop() if len(legs) == 1 else "all"
-    groups = [np.array([row]) for row in rows]
-    labels = first_take_words(visits)
-    mistake = standing_apart(visits, "first_take", where, labels, groups, log_prior)
+    mistake = standing_apart(visits, *first_takes(visits, rows), log_prior)
     return replace(mistake, session=session)
 
 
@@ -149,12 +145,6 @@ def _apart(cells: Cells) -> Iterator[tuple[int, float]]:
             yield row, float(off_mm[np.abs(off_mm).argmin()])
 
 
-def within_plays(sessions: Sequence[Cells]) -> list[WithinPlay]:
-    """First takes that stand apart, of each session that has such."""
-    plays = map(WithinPlay.of, sessions)
-    return [within for within in plays if within]
-
-
 def log_priors(
     within: Sequence[WithinPlay], components: Sequence[Component]
 ) -> tuple[float, FloatArray]:
@@ -174,28 +164,25 @@ def reached(
 
     All of them and -inf where none does.
     """
-    components_within = []
+    reaching = []
     for model in models:
         play_mm = _plays_mm(model, components)
         if any(takes.reached_by(play_mm) for takes in within):
-            components_within.append(model)
-    share = math.fsum(model.weight for model in components_within)
+            reaching.append(model)
+    share = math.fsum(model.weight for model in reaching)
     if not share:
         return [*models], -math.inf
-    return [replace(model, weight=model.weight / share) for model in components_within], math.log(
-        share
-    )
+    return [replace(m, weight=m.weight / share) for m in reaching], math.log(share)
 
 
 def _plays_mm(model: WeightedModel, components: Sequence[Component]) -> dict[str, float]:
     """How large a model's play of each carriage may be, `REACHES` above its mean."""
-    at, play_mm = len(model.base), dict[str, float]()
-    for k in model.members:
+    play_mm = dict[str, float]()
+    for k, places in model.places(components).items():
         for share in components[k].shares:
             if share.effect.id == Backlash.id:
-                first = at + share.values[0]
+                first = places.start + share.values[0]
                 variance = float(model.variance_at(slice(first, first + 1))[0])
                 size = abs(float(model.mean[first])) + REACHES * math.sqrt(variance)
                 play_mm[share.place] = play_mm.get(share.place, 0.0) + size
-        at += len(components[k].unit)
     return play_mm

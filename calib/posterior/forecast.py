@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +17,6 @@ from calib.arrays import (
     DEPENDENT,
     Conditions,
     FloatArray,
-    IntArray,
     basis_of,
     incidence,
     joined,
@@ -27,17 +25,17 @@ from calib.arrays import (
 )
 from calib.errors import UnreachablePosture
 from calib.identify.fit import design_of
-from calib.posterior.cells import BASE, HOMING_MM, Cells
+from calib.posterior.cells import BASE, HOMING_MM
 from calib.posterior.correction import projector_of
 from calib.posterior.library import ELSE, something_else
 from calib.posterior.mixture import ExpectedReadings, Group, UpdatedGroup
 from calib.posterior.models import Posterior
 from calib.posterior.readings import LENGTHS
 from calib.posterior.tool import Frame
-from calib.posterior.tool_errors import KEPT, InField
+from calib.posterior.tool_errors import KEPT
 from calib.stats import root_quantile
 from calib.tripod.effects.candidates import placed_columns
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance, Placed
 from calib.tripod.pipeline import Model
 
 HEAVIEST = 48
@@ -56,31 +54,28 @@ SHOWN = 1e-7
 """Of the largest mean square at the tool: a direction that moves it less is left out."""
 
 
-@dataclass(frozen=True, eq=False)
 class Forecast:
-    """The posterior as the planner sees it: some of its models, in a frame, with what is entered.
+    """The posterior as the planner sees it: ``models`` of it, in a frame, with what is entered.
 
-    ``index`` are the columns of the field that are entered. ``shown`` ``(q, f)`` is a root of the
-    frame's metric, ``entered`` ``(q, f)`` the same of what is entered for an expected field. A
-    reading has the noise that the last session has, or ``stated_mm``.
+    Of these, ``numbers`` in the posterior, the heaviest, and of the others every so many, which
+    stand for those between; ``weight`` is that of all that they stand for, ``fields`` are they in
+    the tool's field. Those ``followed`` have derivatives at their own solution. ``truths`` are
+    taken to be true in turn, each for a share of the weight. ``shown`` ``(q, f)`` is a root of the
+    frame's metric, ``entered`` ``(q, f)`` the same of what is entered for an expected field.
+    ``noise_mm2`` is the variance of a reading that repeats reduce, and what repeats share.
     """
 
-    posterior: Posterior
-    numbers: IntArray
-    weight: FloatArray
-    shown: FloatArray
-    entered: FloatArray
-    stated_mm: float | None = None
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         posterior: Posterior,
         frame: Frame,
         index: Sequence[int],
         stated_mm: float | None = None,
-    ) -> Forecast:
-        """The heaviest models, and of the others every so many, which stand for those between."""
+    ) -> None:
+        """``index`` are the columns of the field that are entered.
+
+        A reading has the noise that the last session has, or ``stated_mm``.
+        """
         weight = np.array([model.weight for model in posterior.models])
         order = np.argsort(-weight, kind="stable")
         first, light = order[:HEAVIEST], order[HEAVIEST:]
@@ -88,52 +83,30 @@ class Forecast:
         groups = [light[k : k + step] for k in range(0, len(light), step)]
         numbers = [*first.tolist(), *(int(group[len(group) // 2]) for group in groups)]
         weights = [*weight[first], *(float(weight[group].sum()) for group in groups)]
+        self.posterior, self.numbers = posterior, np.array(numbers)
+        self.weight = np.array(weights) / sum(weights)
+        self.models = [posterior.models[k] for k in numbers]
+        self.fields = [posterior.models_in_field[k] for k in numbers]
+        self.followed = [k for k, model in enumerate(self.models) if model.members][:FOLLOWED]
+        along = np.searchsorted(np.cumsum(self.weight), (np.arange(TRUTHS) + 0.5) / TRUTHS)
+        number, times = np.unique(along, return_counts=True)
+        self.truths = list(zip(number.tolist(), (times / TRUTHS).tolist(), strict=True))
         square, axes = np.linalg.eigh(posterior.field.metrics[frame])
         visible = square > SHOWN**2 * square[-1]
-        root = np.sqrt(square[visible])[:, None] * axes[:, visible].T
-        entered = root[:, list(index)] @ projector_of(posterior.field, index, frame)
-        share = np.array(weights) / sum(weights)
-        return cls(posterior, np.array(numbers), share, root, entered, stated_mm)
-
-    @cached_property
-    def cells(self) -> Cells:
-        """The last session: its offsets are those of the machine as it is."""
-        return self.posterior.sessions[-1]
-
-    @cached_property
-    def noise_mm2(self) -> tuple[float, float]:
-        """Variance of a reading that repeats reduce, and what repeats share, as found."""
-        cells = self.cells
-        if self.stated_mm is not None:
-            return self.stated_mm**2, 0.0
-        scatter = float(np.median(cells.scatter_mm2 * cells.visits.averaged))
-        shared = cells.noise.quantisation_mm2(cells.means) if cells.noise else np.zeros(1)
-        return scatter, float(np.mean(shared))
+        self.shown = np.sqrt(square[visible])[:, None] * axes[:, visible].T
+        into = projector_of(posterior.field, index, frame)
+        self.entered = np.asarray(self.shown[:, list(index)] @ into)
+        self.cells = cells = posterior.sessions[-1]  # with the offsets of the machine as it is
+        self.noise_mm2 = (stated_mm or 0.0) ** 2, 0.0
+        if stated_mm is None:
+            scatter = float(np.median(cells.scatter_mm2 * cells.visits.averaged))
+            shared = cells.noise.quantisation_mm2(cells.means) if cells.noise else np.zeros(1)
+            self.noise_mm2 = scatter, float(np.mean(shared))
 
     @property
     def noise_mm(self) -> float:
         """Standard deviation of a reading."""
         return math.sqrt(sum(self.noise_mm2))
-
-    @cached_property
-    def fields(self) -> list[InField]:
-        """The models in the tool's field."""
-        models = self.posterior.models_in_field
-        return [models[k] for k in self.numbers.tolist()]
-
-    @cached_property
-    def truths(self) -> list[tuple[int, float]]:
-        """Models that are taken to be true, and the weight that each stands for."""
-        along = np.cumsum(self.weight) / self.weight.sum()
-        models = np.searchsorted(along, (np.arange(TRUTHS) + 0.5) / TRUTHS)
-        number, times = np.unique(models, return_counts=True)
-        return list(zip(number.tolist(), (times / TRUTHS).tolist(), strict=True))
-
-    @cached_property
-    def followed(self) -> list[int]:
-        """The models that have derivatives at their own solution."""
-        models = [self.posterior.models[k] for k in self.numbers.tolist()]
-        return [k for k, model in enumerate(models) if model.members][:FOLLOWED]
 
     @cached_property
     def groups(self) -> list[Group]:
@@ -144,14 +117,14 @@ class Forecast:
         """Models by the base that they share, and by how large something else is in them."""
         of_key: dict[tuple[int, float], list[int]] = {}
         for k in models:
-            model, size_mm = self.posterior.models[int(self.numbers[k])], 0.0
-            for member, scale in zip(model.members, model.scales, strict=True):
+            size_mm = 0.0
+            for member, scale in self.models[k].key:
                 if self.posterior.components[member].id == ELSE:
                     size_mm = scale * float(self.posterior.components[member].unit[0])
             of_key.setdefault((id(self.fields[k].base_root), size_mm), []).append(k)
         rows_of_field = np.vstack([self.shown, self.entered])
         return [
-            Group.of(rows, [self.fields[k] for k in rows], size_mm, self._about, rows_of_field)
+            Group(rows, [self.fields[k] for k in rows], size_mm, self._about, rows_of_field)
             for (_, size_mm), rows in of_key.items()
         ]
 
@@ -168,18 +141,12 @@ class Forecast:
         nominal, first = self.cells.case.model, self.posterior.parameter_count - 3
         machines = []
         for k in self.followed:
-            model, remainder = (
-                self.posterior.models[int(self.numbers[k])],
-                self.fields[k].mean.copy(),
-            )
-            remainder -= self.posterior.start
+            model, remainder = self.models[k], self.fields[k].mean - self.posterior.start
             remainder[:BASE] = 0.0
-            effects = []
-            for member, at in zip(model.members, self.posterior.starts(model), strict=True):
-                component = self.posterior.components[member]
-                values = model.mean[at : at + len(component.unit)]
-                remainder -= self.posterior.into_field[member] @ values
-                effects += list(component.effects(values))
+            effects: list[EffectInstance] = []
+            for member, places in model.places(self.posterior.components).items():
+                remainder -= self.posterior.into_field[member] @ model.mean[places]
+                effects += self.posterior.components[member].effects(model.mean[places])
             parameters = np.concatenate([model.mean[first : first + 3], model.mean[:LENGTHS]])
             machine = nominal.with_effects((*nominal.effects, *effects)).with_parameters(parameters)
             machines.append((machine, remainder))
@@ -200,10 +167,9 @@ class Forecast:
         start, columns = model.readings(conditions), self._columns(model, conditions)
         expectations = []
         for k, (machine, remainder) in zip(self.followed, self.machines, strict=True):
-            members = self.posterior.models[int(self.numbers[k])].members
             acting = {
                 (share.effect, share.place)
-                for member in members
+                for member in self.models[k].members
                 for share in self.posterior.components[member].shares
             }
             machine = change(machine)
@@ -248,10 +214,10 @@ class Forecast:
             columns[:, :BASE] = design_of(model, conditions, range(BASE), ())
         else:
             columns = start.copy()
-        laws_of_field = self.posterior.field.placed if laws is None else laws
+        laws_of_field = self.posterior.field.columns if laws is None else laws
         effects = list(dict.fromkeys(effect for effect, _ in laws_of_field))
         for law, derivatives in placed_columns(model, conditions, effects, laws_of_field).items():
-            columns[:, list(self.posterior.field.columns_of(law))] = derivatives
+            columns[:, self.posterior.field.columns[law]] = derivatives
         return columns
 
     def _whitening(self, conditions: Conditions, count: FloatArray) -> FloatArray:
@@ -272,7 +238,7 @@ class Forecast:
 
     def after_mm(self, readings: ExpectedReadings) -> float:
         """The bound after these readings, the mean over the models that may be true."""
-        updated = [group.updated(readings, self.followed) for group in self.groups]
+        updated = [UpdatedGroup(group, readings, self.followed) for group in self.groups]
         place = {
             k: (update, j) for update in updated for j, k in enumerate(update.group.rows.tolist())
         }
@@ -300,7 +266,7 @@ class Forecast:
         place = [order.index(k) for k in models]
         matrices = []
         for readings in measurements:
-            updated = [group.updated(readings, self.followed) for group in groups]
+            updated = [UpdatedGroup(group, readings, self.followed) for group in groups]
             expected = np.hstack([update.expected for update in updated])[:, place]
             squares = np.hstack([update.squares(expected) for update in updated])
             matrices.append(np.asarray(squares[:, place]))

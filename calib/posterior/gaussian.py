@@ -3,70 +3,39 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from calib.arrays import FloatArray, without
 
 
-@dataclass(frozen=True, eq=False)
 class LittleOfAll:
     """A little of every law as a part of the noise: I + L L' in place of I, L ``(n, l)``.
 
     Its inverse root is symmetric: (I + L L')^-1/2, or I - L g(L'L) L' where laws are fewer than
-    rows, with g(x) = (1 - 1/sqrt(1 + x)) / x. A root of the covariance of the laws where all else
-    is known, (I + L'L)^-1, is the same with L' in place of L.
+    rows, with g(x) = (1 - 1/sqrt(1 + x)) / x. ``room`` is minus half its log determinant. Where all
+    else is known the laws, per unit, have the covariance (I + L'L)^-1; its ``root`` ``(l, l)`` is
+    the same with L' in place of L. ``seen`` ``(n, l)`` are the columns whitened.
     """
 
-    columns: FloatArray
-
-    @cached_property
-    def _few(self) -> bool:
-        return bool(self.columns.shape[1] < len(self.columns))
-
-    @cached_property
-    def _spectrum(self) -> tuple[FloatArray, FloatArray]:
-        """Eigenvalues and axes of the smaller of L'L and L L'."""
-        smaller = self.columns.T if self._few else self.columns
+    def __init__(self, columns: FloatArray) -> None:
+        self.columns, self._few = columns, columns.shape[1] < len(columns)
+        smaller = columns.T if self._few else columns
         square, axes = np.linalg.eigh(smaller @ smaller.T)
-        return np.maximum(square, 0.0), axes
-
-    @cached_property
-    def _direct(self) -> FloatArray:
-        """The inverse root of I and the smaller product."""
-        square, axes = self._spectrum
-        return np.asarray((axes / np.sqrt(1.0 + square)) @ axes.T)
-
-    @cached_property
-    def _inner(self) -> FloatArray:
-        """G of the smaller product."""
-        square, axes = self._spectrum
-        wide = np.sqrt(1.0 + square)
-        return np.asarray((axes / (wide * (1.0 + wide))) @ axes.T)
+        wide = np.sqrt(1.0 + np.maximum(square, 0.0))
+        self._inverse_root = (axes / wide) @ axes.T
+        self._inner = (axes / (wide * (1.0 + wide))) @ axes.T
+        self.room = -float(np.log(wide).sum())
+        self.seen = self.whitened(columns)
+        self.root = self._inverse_root
+        if not self._few:
+            self.root = np.eye(columns.shape[1]) - columns.T @ (self._inner @ columns)
 
     def whitened(self, rows: FloatArray) -> FloatArray:
         """Rows ``(n, ...)`` with independent noise of unit variance, this little in it."""
         if self._few:
             return np.asarray(rows - self.columns @ (self._inner @ (self.columns.T @ rows)))
-        return np.asarray(self._direct @ rows)
-
-    @cached_property
-    def seen(self) -> FloatArray:
-        """`columns` whitened."""
-        return self.whitened(self.columns)
-
-    @cached_property
-    def root(self) -> FloatArray:
-        """Root ``(l, l)`` of the covariance of the laws, per unit, where all else is known."""
-        if self._few:
-            return self._direct
-        return np.eye(self.columns.shape[1]) - self.columns.T @ (self._inner @ self.columns)
-
-    @cached_property
-    def room(self) -> float:
-        """Minus half the log determinant of I + L L'."""
-        return -0.5 * float(np.log1p(self._spectrum[0]).sum())
+        return np.asarray(self._inverse_root @ rows)
 
 
 @dataclass(frozen=True, eq=False)

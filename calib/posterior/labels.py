@@ -11,25 +11,20 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import islice
-from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from calib.arrays import (
-    FloatArray,
-    IntArray,
-    Observations,
-    numbered,
-    without_means,
-)
+from calib.arrays import FloatArray, IntArray, Observations, numbered, without_means
 from calib.errors import NotIdentifiable
 from calib.posterior.apart import LEAST, PRIOR, TRIED, Mistake, Scored, readings_apart
 from calib.posterior.cells import Cells
-from calib.posterior.exchanges import LabelExchange, exchanges
+from calib.posterior.exchanges import exchanges
+from calib.posterior.problem import SolvedSessions, Way
 from calib.posterior.screening import Screen, even_mm
+from calib.tripod.effects.effect import Effect
 from calib.tripod.movements import departures_mm
 
 LEAST_CHANGED = 3.0
@@ -66,103 +61,44 @@ MOST_VALUES = 1_500_000
 """Values of exchanges that are held at once."""
 
 
-@dataclass(frozen=True, eq=False)
-class RivalModel:
-    """A model that may be true beside a mistake: its log weight, and columns ``(n_cells, r)``.
-
-    The columns are of the session, each of the size that the model expects.
-    """
-
-    log_weight: float
-    columns: FloatArray
-
-
-Solution = TypeVar("Solution")
-
-
-class RivalModels(Protocol):
-    """Models of a session that may be true beside a mistake in it."""
-
-    def __call__(self, number: int, *, alone: bool) -> Sequence[RivalModel]:
-        """The heaviest, the plain one first; or single names ``alone``."""
-
-
-@dataclass(frozen=True, eq=False)
-class SolvedSessions(Generic[Solution]):
-    """Sessions with what may be true of them: the log evidence, and models of each session.
-
-    ``beside`` are the heaviest models of a session by its number, or single names ``alone``.
-    ``with_one_name`` is the log weight ``(m,)`` of the best single name where the means of cells of
-    a session by its number differ by so many mm ``(n_cells, m)``.
-    """
-
-    solution: Solution
-    log_evidence: float
-    beside: RivalModels
-    with_one_name: Callable[[int, FloatArray], FloatArray]
-    mistakes: tuple[Mistake, ...] = ()
-    log_prior: float = 0.0
-
-    @property
-    def log_weight(self) -> float:
-        """Log weight with its prior and those of its mistakes."""
-        return (
-            self.log_evidence + self.log_prior + sum(mistake.log_prior for mistake in self.mistakes)
-        )
-
-
-def suspects(
-    solved_sessions: SolvedSessions[Solution], now: Sequence[Cells], number: int, *, depart: bool
-) -> list[Mistake]:
+def suspects(solved_sessions: SolvedSessions, number: int, *, depart: bool) -> list[Mistake]:
     """Mistakes of a session by its number that may be likelier than none, the likeliest first.
 
-    They are looked for in the cells ``now``, beside the models of ``solved_sessions``; exchanges
-    beside single names, too. So are readings that stand apart where first takes ``depart`` from
-    their repeats, for something else explains these.
+    They are looked for beside the models of ``solved_sessions``; exchanges beside single names,
+    too. So are readings that stand apart where first takes ``depart`` from their repeats, for
+    something else explains these.
     """
-    cells, others_of_now = now[number], [*now[:number], *now[number + 1 :]]
-    rivals, log_evidence = solved_sessions.beside(number, alone=False), solved_sessions.log_evidence
-    root = even_mm(cells)
-    alone = [
-        Screen.of(model, np.zeros((len(model.means), 0)), even_mm(model)) for model in others_of_now
-    ]
-    elsewhere = sum(model.square for model in alone), sum(model.freedom for model in alone)
-    screens = [
-        replace(Screen.of(cells, model.columns, root), elsewhere=elsewhere) for model in rivals
-    ]
-    scored: dict[tuple[str, str, str], Scored] = {}
+    now, problem = solved_sessions.way.sessions, solved_sessions.problem
+    cells, log_evidence = now[number], solved_sessions.log_evidence
+    screens = [Screen(cells_beside) for cells_beside in (*now[:number], *now[number + 1 :])]
+    elsewhere = sum(screen.square for screen in screens), sum(screen.freedom for screen in screens)
+    screened = partial(Screen, cells, root=even_mm(cells), elsewhere=elsewhere)
+    rivals = [(log, screened(columns)) for log, columns in problem.rivals(number, alone=False)]
+    scored: list[Scored] = []
     moved: MovedReadings | None = None
-    for model, screen in zip(rivals, screens, strict=True):
+    for log_weight, screen in rivals:
         scores = [*readings_apart(screen)]
         fits = screen.freedom + FITS * math.sqrt(2.0 * max(screen.freedom, 0.0))
         # a contact is a place: it has no indicator, sign or unit, and no label beside it
         if screen.square > fits and not cells.visits.contact.any():
-            moved = moved or MovedReadings.of(screen)
+            moved = moved or MovedReadings(screen)
             scores += moved.scores(screen)
-        for score, mistake in scores:
-            _keep(scored, model.log_weight + score, mistake)
-    for model in solved_sessions.beside(number, alone=True) if depart else ():
-        screen = replace(Screen.of(cells, model.columns, root), elsewhere=elsewhere)
-        for score, mistake in readings_apart(screen):
-            _keep(scored, model.log_weight + score, mistake)
+        scored += [(log_weight + score, mistake) for score, mistake in scores]
+    for log_weight, columns in problem.rivals(number, alone=True) if depart else ():
+        scores = [*readings_apart(screened(columns))]
+        scored += [(log_weight + score, mistake) for score, mistake in scores]
+    log_plain, plain = rivals[0]
     if moved is not None:
-        for log_weight, mistake in moved.beside_one_name(
-            screens[0], partial(solved_sessions.with_one_name, number)
-        ):
-            _keep(scored, log_weight, mistake)
-    ordered = sorted(scored.values(), key=lambda entry: -entry[0])
+        scored += moved.beside_one_name(plain, partial(problem.with_one_name, number))
+    likeliest: dict[tuple[str, str, str], Scored] = {}
+    for score, mistake in sorted(scored, key=lambda entry: -entry[0]):
+        likeliest.setdefault((mistake.id, mistake.where, mistake.title), (score, mistake))
+    ordered = list(likeliest.values())
     likely = [entry for entry in ordered if entry[0] > log_evidence - DOUBTED][:TRIED]
-    if screens[0].square > BENT * screens[0].freedom:
-        likely = _fitted(screens[0], ordered, likely, rivals[0].log_weight, log_evidence)
+    if plain.square > BENT * plain.freedom:
+        likely = _fitted(plain, ordered, likely, log_plain, log_evidence)
     best = likely[0][0] if likely else 0.0
     return [mistake for score, mistake in likely if score > best - DOUBTED][:RACED]
-
-
-def _keep(scored: dict[tuple[str, str, str], Scored], log_weight: float, mistake: Mistake) -> None:
-    """Keep the larger log weight of a mistake."""
-    key = mistake.id, mistake.where, mistake.title
-    if key not in scored or scored[key][0] < log_weight:
-        scored[key] = (log_weight, mistake)
 
 
 def _fitted(
@@ -199,39 +135,28 @@ def _fitted(
 def _gain(plain: Screen, mistake: Mistake) -> float:
     """Log likelihood that an exchange adds by its own plain fit, its prior included."""
     right = Cells.of_visits(plain.cells.case, mistake.visits)
-    refit = Screen.of(right, np.zeros((len(right.means), 0)), plain.root)
+    refit = Screen(right, root=plain.root)
     gain = plain.log_likelihood(refit.square) - plain.log_likelihood(plain.square)
     return float(gain) + mistake.log_prior
 
 
-@dataclass(frozen=True, eq=False)
 class MovedReadings:
-    """Exchanges of a session that change what is read, and the values ``(n, k)`` of each."""
+    """Exchanges of a session that change what is read, and the values ``(n, k)`` of each.
 
-    visits: Observations
-    every: list[LabelExchange]
-    values_mm: FloatArray
-    places: Counter[str]
+    They are as many as memory has room for at once.
+    """
 
-    @classmethod
-    def of(cls, screen: Screen) -> MovedReadings:
-        """The exchanged readings, as many exchanges as memory has room for at once."""
-        visits = screen.cells.visits
+    def __init__(self, screen: Screen) -> None:
+        self.visits = visits = screen.cells.visits
         candidates = list(islice(exchanges(visits), MOST_VALUES // max(len(visits), 1)))
         put_right = [exchange.put_right(visits.value_mm) for exchange in candidates]
         values = np.array(put_right).reshape(len(candidates), len(visits)).T
         change = values - visits.value_mm[:, None]
         change = np.abs(without_means(visits.mount, visits.averaged, change)).max(axis=0)
         large = change > LEAST_CHANGED * np.median(screen.root)
-        exchanges_that_move = [
-            exchange for exchange, counts in zip(candidates, large.tolist(), strict=True) if counts
-        ]
-        return cls(
-            visits,
-            exchanges_that_move,
-            values[:, large],
-            Counter(exchange.id for exchange in candidates),
-        )
+        self.every = [candidates[k] for k in np.flatnonzero(large)]
+        self.values_mm = values[:, large]
+        self.places = Counter(exchange.id for exchange in candidates)
 
     def scores(self, screen: Screen) -> Iterator[Scored]:
         """Exchanges that leave least, and the log likelihood that each adds, with its prior."""
@@ -293,87 +218,63 @@ def _with_values(visits: Observations, source: IntArray) -> IntArray:
     return numbered(np.where(alone[source], apart, usual))
 
 
-@dataclass(frozen=True, eq=False)
-class Way:
-    """How sessions may have come about: their cells, its log prior, and mistakes put right.
-
-    ``with_play``: only where a carriage has a play that reaches what stands apart.
-    """
-
-    sessions: Sequence[Cells]
-    log_prior: float = 0.0
-    mistakes: tuple[Mistake, ...] = ()
-    with_play: bool = False
-
-
-def with_mistakes(
-    ways: Sequence[Way], solve: Callable[[Sequence[Cells], bool], SolvedSessions[Solution]]
-) -> list[SolvedSessions[Solution]]:
+def with_mistakes(ways: Sequence[Way], effects: Sequence[Effect]) -> list[SolvedSessions]:
     """The sessions as they are, and put right in each way that may be true; the likeliest first.
 
-    The sessions may have come about in several ``ways``. One mistake after the other: each is
-    looked for in the readings that the likeliest ones before leave, of the likeliest way; what was
-    put right is so in the others, too.
+    The sessions may have come about in several ``ways``; ``effects`` are those of the library. One
+    mistake after the other: each is looked for in the readings that the likeliest ones before
+    leave, of the likeliest way; what was put right is so in the others, too.
     """
-    explained = _explained(ways, solve)
-    explanations = [result for _, result in explained]
+    of_ways = _solved(ways, effects)
+    explanations, start = [*of_ways], max(of_ways, key=lambda result: result.log_weight)
     depart = [bool(departures_mm(cells.visits)) for cells in ways[0].sessions]
-    start, best = max(explained, key=lambda entry: entry[1].log_weight)
-    now, with_play = list(start.sessions), start.with_play
+    best = start
     for _ in range(MOST):
         candidates = []
-        for number, cells in enumerate(now):
-            for mistake in suspects(best, now, number, depart=depart[number]):
-                right = now.copy()
+        for number, cells in enumerate(best.way.sessions):
+            for mistake in suspects(best, number, depart=depart[number]):
+                right = [*best.way.sessions]
                 right[number] = Cells.of_visits(cells.case, mistake.visits)
+                mistakes = (*best.way.mistakes, replace(mistake, session=number))
                 try:
-                    result = solve(right, with_play)
+                    way = replace(best.way, sessions=right, mistakes=mistakes)
+                    candidates.append(way.solved(effects))
                 except NotIdentifiable:
                     continue
-                mistake = replace(mistake, session=number)
-                mistakes, log_prior = (*best.mistakes, mistake), best.log_prior
-                result = replace(result, mistakes=mistakes, log_prior=log_prior)
-                candidates.append((result, right))
-        explanations += [result for result, _ in candidates]
-        better = max(candidates, key=lambda explanation: explanation[0].log_weight, default=None)
-        if better is None or better[0].log_weight < best.log_weight:
+        explanations += candidates
+        better = max(candidates, key=lambda result: result.log_weight, default=None)
+        if better is None or better.log_weight < best.log_weight:
             break
-        best, now = better
-    put_right = best.mistakes[len(start.mistakes) :]
-    for way, _ in explained:
-        if put_right and way is not start and _of_same_visits(way, start):
+        best = better
+    put_right = best.way.mistakes[len(start.way.mistakes) :]
+    for way in (result.way for result in of_ways if put_right and result is not start):
+        if _of_same_visits(way, start.way):
             right = [
                 Cells.of_visits(cells.case, changed.visits)
-                for cells, changed in zip(way.sessions, now, strict=True)
+                for cells, changed in zip(way.sessions, best.way.sessions, strict=True)
             ]
-            mistakes = (*way.mistakes, *put_right)
-            result = solve(right, way.with_play)
-            explanations.append(replace(result, log_prior=way.log_prior, mistakes=mistakes))
-    return sorted(explanations, key=lambda explanation: -explanation.log_weight)
+            way = replace(way, sessions=right, mistakes=(*way.mistakes, *put_right))
+            explanations.append(way.solved(effects))
+    return sorted(explanations, key=lambda result: -result.log_weight)
 
 
-def _explained(
-    ways: Sequence[Way], solve: Callable[[Sequence[Cells], bool], SolvedSessions[Solution]]
-) -> list[tuple[Way, SolvedSessions[Solution]]]:
-    """Each way with what may be true of it.
+def _solved(ways: Sequence[Way], effects: Sequence[Effect]) -> list[SolvedSessions]:
+    """What may be true of each way.
 
     Of several machines the first is the freest: visits that had no chance on it, with the same
     changes between sessions, are not tried on the others.
     """
-    explained: list[tuple[Way, SolvedSessions[Solution]]] = []
+    solutions: list[SolvedSessions] = []
     for way in ways:
-        best = max((result.log_weight for _, result in explained), default=0.0)
+        best = max((result.log_weight for result in solutions), default=0.0)
         alike = (
             result.log_weight
-            for solved_session, result in explained
-            if _of_same_visits(solved_session, way) and _of_same_changes(solved_session, way)
+            for result in solutions
+            if _of_same_visits(result.way, way) and _of_same_changes(result.way, way)
         )
-        if max(alike, default=best) < best - HOPELESS:
-            continue
-        result = solve(way.sessions, way.with_play)
-        result = replace(result, log_prior=way.log_prior, mistakes=way.mistakes)
-        explained.append((way, result))
-    return explained
+        if max(alike, default=best) >= best - HOPELESS:
+            solutions.append(way.solved(effects))
+    return solutions
 
 
 def _of_same_changes(first: Way, second: Way) -> bool:

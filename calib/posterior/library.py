@@ -81,9 +81,13 @@ class Component:
         """Laws at places, and which of the values act there."""
         return self.candidate.shares if self.candidate else ()
 
-    def with_values(self, squares: FloatArray) -> Component:
-        """The component with values of one size, of these mean squares ``(r,)``."""
-        return replace(self, unit=np.full(len(squares), self.unit[0]), squares=squares)
+    @property
+    def at_one_place(self) -> Placed | None:
+        """The law of a component that acts at a single place, and where; None of others."""
+        if self.candidate is None or self.candidate.arrangement != "one":
+            return None
+        (share,) = self.shares
+        return share.effect, share.place
 
     def effects(self, values: FloatArray) -> tuple[EffectInstance, ...]:
         """The effects of these values ``(r,)``; none of a component without laws."""

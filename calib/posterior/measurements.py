@@ -128,14 +128,15 @@ class FurtherMeasurement:
             return self.procedure
         several = self.cycles > 1
         path = [0.0, *self.levels_mm] if several else self.levels_mm
-        levels = [f"{level:.1f}" if level else _quoted("zero") for level in path]
+        levels = [f"{level:.1f}" if level else '"zero"' for level in path]
+        legs = [f'"{leg}"' for leg in self.legs]
         preparation = self.preparation.words
         return (
             'schema = "glidecal.procedure/1"\n'
             f'name = "next-{"".join(self.legs)}"\n'
             'title = "The measurement that was proposed next"\n'
             + (f'description = "First {preparation}."\n' if preparation else "")
-            + f"legs = [{', '.join(_quoted(leg) for leg in self.legs)}]\n"
+            + f"legs = [{', '.join(legs)}]\n"
             f"stations = [{self.station}]\n"
             f"cycles = {self.cycles}\n"
             f"levels = [{', '.join(levels)}]\n"
@@ -147,10 +148,6 @@ def stand_words(legs: Sequence[str], station: float) -> str:
     """Which legs are read, and where on their bars."""
     leg_words = "leg" if len(legs) == 1 else "legs"
     return f"{leg_words} {', '.join(legs).upper()}, {station:.0%} from the tool end"
-
-
-def _quoted(name: str) -> str:
-    return f'"{name}"'
 
 
 USUAL_PACE = Pace()

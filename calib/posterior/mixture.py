@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import block_diag  # scipy.linalg would take 0.04 s more to import
 
-from calib.arrays import FloatArray, IntArray
+from calib.arrays import FloatArray
 from calib.posterior.tool_errors import InField, ModelColumns, Squares
 
 
@@ -52,7 +52,6 @@ class ExpectedReadings:
         )
 
 
-@dataclass(frozen=True, eq=False)
 class Group:
     """Models ``rows`` of a forecast that share a base, their sizes side by side.
 
@@ -62,75 +61,28 @@ class Group:
     does, then what is entered. Something else is of ``size_mm`` in each posture.
     """
 
-    rows: IntArray
-    columns: ModelColumns
-    base: FloatArray
-    sizes: FloatArray
-    away: FloatArray
-    size_mm: float
-    inflated: FloatArray
-    tool_base: FloatArray
-    tool_sizes: FloatArray
-    tool_mean: FloatArray
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         rows: Sequence[int],
         fields: Sequence[InField],
         size_mm: float,
         about: FloatArray,
         tool: FloatArray,
-    ) -> Group:
+    ) -> None:
         """Models in the tool's field, linear ``about`` ``(f,)``; ``tool`` is ``(2q, f)``."""
         roots = [field.root / field.inflated for field in fields]
-        mean, sizes = np.column_stack([field.mean for field in fields]), np.hstack(roots)
-        return cls(
-            np.array(rows, dtype=np.intp),
-            ModelColumns([root.shape[1] for root in roots]),
-            fields[0].base_root,
-            sizes,
-            mean - about[:, None],
-            size_mm,
-            np.array([field.inflated for field in fields]),
-            tool @ fields[0].base_root,
-            tool @ sizes,
-            tool @ mean,
-        )
-
-    def updated(self, readings: ExpectedReadings, followed: Sequence[int]) -> UpdatedGroup:
-        """The group with the covariance after these readings: the base, beside it the sizes."""
-        of_base = readings.columns @ self.base
-        noise = np.hstack([readings.loose, self.size_mm * readings.own])
-        square = np.eye(len(of_base)) + of_base @ of_base.T + noise @ noise.T
-        lower = np.linalg.cholesky(square)
-        white = np.linalg.inv(lower)
-        sizes = readings.columns @ self.sizes
-        expected = readings.expected[:, None] + readings.columns @ self.away
-        for number, (means, columns) in zip(followed, readings.followed, strict=True):
-            for j in np.flatnonzero(self.rows == number).tolist():
-                places = self.columns.owner == j
-                sizes[:, places] = columns @ self.sizes[:, places]
-                expected[:, j] = means
-        sizes = white @ sizes
-        explained, roots = np.zeros_like(sizes), []
-        room = np.full(len(self.rows), float(np.log(lower.diagonal()).sum()))
-        for block in self.columns.blocks:
-            inside = np.moveaxis(sizes[:, block], 1, 0)
-            inner = np.swapaxes(inside, 1, 2) @ inside + np.eye(block.shape[1])
-            root = np.swapaxes(np.linalg.inv(np.linalg.cholesky(inner)), 1, 2)
-            roots.append(root)
-            explained[:, block] = np.moveaxis(inside @ root, 0, 1)
-            logs = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-            room[self.columns.owner[block[:, 0]]] -= logs
-        return UpdatedGroup(
-            self, white @ of_base, tuple(roots), explained, white, lower, expected, sizes, room
-        )
+        mean = np.column_stack([field.mean for field in fields])
+        self.rows, self.size_mm = np.array(rows, dtype=np.intp), size_mm
+        self.columns = ModelColumns([root.shape[1] for root in roots])
+        self.base, self.sizes = fields[0].base_root, np.hstack(roots)
+        self.away = mean - about[:, None]
+        self.inflated = np.array([field.inflated for field in fields])
+        self.tool_base, self.tool_sizes = tool @ self.base, tool @ self.sizes
+        self.tool_mean = tool @ mean
 
 
-@dataclass(frozen=True, eq=False)
 class UpdatedGroup:
-    """A group after readings.
+    """A group with the covariance after readings: the base, beside it the sizes.
 
     ``shown`` ``(n, b)`` is what the base does to the readings made ``white`` ``(n, n)``, ``sizes``
     ``(n, R)`` what those of each model do; ``roots`` ``(m, r, r)`` of blocks are those of the
@@ -139,15 +91,31 @@ class UpdatedGroup:
     logs of the roots of determinants.
     """
 
-    group: Group
-    shown: FloatArray
-    roots: tuple[FloatArray, ...]
-    seen: FloatArray
-    white: FloatArray
-    lower: FloatArray
-    expected: FloatArray
-    sizes: FloatArray
-    room: FloatArray
+    def __init__(self, group: Group, readings: ExpectedReadings, followed: Sequence[int]) -> None:
+        self.group = group
+        of_base = readings.columns @ group.base
+        noise = np.hstack([readings.loose, group.size_mm * readings.own])
+        square = np.eye(len(of_base)) + of_base @ of_base.T + noise @ noise.T
+        self.lower = np.linalg.cholesky(square)
+        self.white = np.linalg.inv(self.lower)
+        sizes = readings.columns @ group.sizes
+        self.expected = readings.expected[:, None] + readings.columns @ group.away
+        for number, (means, columns) in zip(followed, readings.followed, strict=True):
+            for j in np.flatnonzero(group.rows == number).tolist():
+                places = group.columns.owner == j
+                sizes[:, places] = columns @ group.sizes[:, places]
+                self.expected[:, j] = means
+        self.shown, self.sizes = self.white @ of_base, self.white @ sizes
+        self.seen, self.roots = np.zeros_like(self.sizes), list[FloatArray]()
+        self.room = np.full(len(group.rows), float(np.log(self.lower.diagonal()).sum()))
+        for block in group.columns.blocks:
+            inside = np.moveaxis(self.sizes[:, block], 1, 0)
+            inner = np.swapaxes(inside, 1, 2) @ inside + np.eye(block.shape[1])
+            root = np.swapaxes(np.linalg.inv(np.linalg.cholesky(inner)), 1, 2)
+            self.roots.append(root)
+            self.seen[:, block] = np.moveaxis(inside @ root, 0, 1)
+            logs = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+            self.room[group.columns.owner[block[:, 0]]] -= logs
 
     @cached_property
     def gain(self) -> FloatArray:
@@ -163,14 +131,10 @@ class UpdatedGroup:
             tool[:, block] = np.moveaxis(np.moveaxis(moved[:, block], 1, 0) @ root, 0, 1)
         return tool
 
-    def _departure(self, readings: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Departure of these readings from each model ``(n, M)``, and along its sizes ``(R,)``."""
-        departure = self.white @ (readings[:, None] - self.expected)
-        return departure, (self.seen * departure[:, self.group.columns.owner]).sum(axis=0)
-
     def means(self, readings: FloatArray) -> FloatArray:
         """Means at the tool ``(2q, M)`` where these are the readings ``(n,)``."""
-        departure, along = self._departure(readings)
+        departure = self.white @ (readings[:, None] - self.expected)
+        along = (self.seen * departure[:, self.group.columns.owner]).sum(axis=0)
         of_sizes = self.group.columns.sums(self.tool * along)
         return np.asarray(self.group.tool_mean + self.gain @ departure + of_sizes)
 

@@ -6,29 +6,29 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate
-from typing import NamedTuple
+from itertools import accumulate, pairwise, starmap
 
 import numpy as np
 
-from calib.arrays import BLIND, FloatArray, IntArray
+from calib.arrays import BLIND, FloatArray
 from calib.posterior.apart import Mistake
 from calib.posterior.cells import Cells
 from calib.posterior.library import OTHER_BARS, Component
-from calib.posterior.readings import LENGTHS, Rows
+from calib.posterior.readings import LENGTHS, LinearSessions
+from calib.posterior.selection import Key
 from calib.posterior.statements import NOTHING, Statement
 from calib.posterior.tool import FRAMES, RIGID, Frame, ToolField
 from calib.posterior.tool_errors import InField, ToolErrors
 from calib.stats import mixture_moments
 from calib.tripod.effects.drives import AxisOffset
-from calib.tripod.effects.effect import PER_THOUSAND, Effect, EffectInstance, Placed
+from calib.tripod.effects.effect import PER_THOUSAND, EffectInstance, Placed
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import MOVES_THE_TOOL, Model
 
 
 @dataclass(frozen=True, eq=False)
 class WeightedModel:
-    """One model: components, their scales, weight, and the normal of its values ``(b + r,)``.
+    """One model: components with their scales, weight, and the normal of its values ``(b + r,)``.
 
     A root of their covariance is ``base`` ``(b, b)``, which many models share, beside ``sizes``
     ``(b + r, r)``, both times ``inflated``. The base ends with sizes of the components
@@ -36,8 +36,7 @@ class WeightedModel:
     ``as_stated`` as its file has it.
     """
 
-    members: tuple[int, ...]
-    scales: tuple[float, ...]
+    key: Key
     weight: float
     mean: FloatArray
     base: FloatArray
@@ -46,6 +45,16 @@ class WeightedModel:
     everywhere: tuple[int, ...]
     mistakes: tuple[Mistake, ...] = ()
     as_stated: Statement = NOTHING
+
+    @property
+    def members(self) -> tuple[int, ...]:
+        """The components of the model, beside those that every model has everywhere."""
+        return tuple(k for k, _ in self.key)
+
+    def places(self, components: Sequence[Component]) -> dict[int, slice]:
+        """Where among the values those of each member are: the base comes first."""
+        ends = accumulate((len(components[k].unit) for k, _ in self.key), initial=len(self.base))
+        return dict(zip(self.members, starmap(slice, pairwise(ends)), strict=True))
 
     def variance_at(self, places: slice) -> FloatArray:
         """Variances of the values at these places, ``(m,)``."""
@@ -68,19 +77,6 @@ class WeightedModel:
         return np.asarray(self.inflated**2 * covariance)
 
 
-@dataclass(frozen=True, eq=False)
-class LinearSessions:
-    """Sessions about one fit of the base, as components see them.
-
-    ``columns`` ``(n, k)`` of all components, per unit of their values; ``index`` says which are
-    whose.
-    """
-
-    rows: Rows
-    columns: FloatArray
-    index: tuple[IntArray, ...]
-
-
 @dataclass(frozen=True)
 class LikelyMistake:
     """A mistake of labels or readings with its probability."""
@@ -89,19 +85,6 @@ class LikelyMistake:
     where: str
     title: str
     probability: float
-
-
-class Lean(NamedTuple):
-    """A law of the field with a turn, or shift, of the whole machine that may hide beside it."""
-
-    id: str
-    """Of the law; laws of one id are as large as each other, r.m.s."""
-    place: int
-    """Column of the field."""
-    turn: int
-    """Column, from the end of the field."""
-    unit: float
-    """Of the turn."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -129,11 +112,6 @@ class Posterior:
         """Lengths, and offsets of every session."""
         return LENGTHS + 3 * len(self.sessions)
 
-    def starts(self, model: WeightedModel) -> list[int]:
-        """Where the values of each member begin in those of a model: the base comes first."""
-        widths = (len(self.components[k].unit) for k in model.members)
-        return list(accumulate(widths, initial=len(model.base)))[:-1]
-
     def placed(self, model: WeightedModel) -> list[tuple[int, int]]:
         """All components of a model, those everywhere first, and where the values of each begin."""
         numbers = *model.everywhere, *model.members
@@ -155,33 +133,23 @@ class Posterior:
                 unstated = self._of_tolerances(model.everywhere)
                 of_everywhere[model.everywhere] = np.hstack([parameters, *laws]), unstated
             base, unstated = of_everywhere[model.everywhere]
-            key = id(model.base)
-            if key not in shared:
+            if id(model.base) not in shared:
                 moved = base @ model.base
-                shared[key] = moved @ moved.T, moved
-            count = base.shape[1]
+                shared[id(model.base)] = moved @ moved.T, moved
+            count, unplaced_mm2 = base.shape[1], 0.0
             mean = self.start + base @ model.mean[:count]
             root = base @ model.sizes[:count]
-            for k, at in zip(model.members, self.starts(model), strict=True):
-                block = slice(at, at + len(self.components[k].unit))
-                mean = mean + self.into_field[k] @ model.mean[block]
-                root = root + self.into_field[k] @ model.sizes[block]
-            root = model.inflated * root
-            in_field = InField(model.weight, mean, *shared[key], model.inflated, root)
+            for k, places in model.places(self.components).items():
+                mean = mean + self.into_field[k] @ model.mean[places]
+                root = root + self.into_field[k] @ model.sizes[places]
+                if (squares := self.components[k].squares) is not None:
+                    moments_mm2 = model.mean[places] ** 2 + model.variance_at(places)
+                    unplaced_mm2 += float(squares @ moments_mm2)
+            root, shared_base = model.inflated * root, shared[id(model.base)]
+            in_field = InField(model.weight, mean, *shared_base, model.inflated, root, unplaced_mm2)
             unseen = np.diag(self._unseen(model, in_field, unstated))
-            root = np.hstack([root, unseen[:, unseen.any(axis=0)]])
-            models.append(replace(in_field, root=root, unplaced_mm2=self._unplaced_mm2(model)))
+            models.append(replace(in_field, root=np.hstack([root, unseen[:, unseen.any(axis=0)]])))
         return models
-
-    def _unplaced_mm2(self, model: WeightedModel) -> float:
-        """Expected mean square of errors in the readings that have no law at the tool, mm²."""
-        square = 0.0
-        for k, at in zip(model.members, self.starts(model), strict=True):
-            squares = self.components[k].squares
-            if squares is not None:
-                places = slice(at, at + len(squares))
-                square += float(squares @ (model.mean[places] ** 2 + model.variance_at(places)))
-        return square
 
     @cached_property
     def tool_errors(self) -> dict[Frame, ToolErrors]:
@@ -194,9 +162,7 @@ class Posterior:
         """Effects ``(f,)`` that the model of the sessions has, in the tool's field."""
         start = np.zeros(self.field.rows.shape[1])
         for instance in effects_of_tool(self.sessions[-1].case.model):
-            start[list(self.field.columns_of((instance.effect, instance.place)))] += np.real(
-                instance.values
-            )
+            start[self.field.columns[instance.effect, instance.place]] += np.real(instance.values)
         return start
 
     @cached_property
@@ -212,7 +178,7 @@ class Posterior:
             into = np.zeros((width, len(component.unit)))
             for share in component.shares:
                 for column, value in zip(
-                    self.field.columns_of((share.effect, share.place)), share.values, strict=True
+                    self.field.columns[share.effect, share.place], share.values, strict=True
                 ):
                     into[column, value] += 1.0
             if (component.id, component.where) == (OTHER_BARS, last):
@@ -263,11 +229,11 @@ class Posterior:
     def _for_bounds(self) -> Posterior | None:
         return self._of_models([not model.as_stated.of_firmware for model in self.models])
 
-    def _of_models(self, used: Sequence[bool]) -> Posterior | None:
+    def _of_models(self, mask: Sequence[bool]) -> Posterior | None:
         """The posterior of some of its models; None where that is all of them, or none."""
-        if len(set(used)) == 1:
+        if len(set(mask)) == 1:
             return None
-        models = [model for model, is_kept in zip(self.models, used, strict=True) if is_kept]
+        models = [model for model, is_kept in zip(self.models, mask, strict=True) if is_kept]
         total = math.fsum(model.weight for model in models)
         return replace(self, models=tuple(replace(m, weight=m.weight / total) for m in models))
 
@@ -318,7 +284,7 @@ class Posterior:
 
     def value_of(self, law: Placed) -> tuple[float, float]:
         """The first value of a law at a place over all models, and its standard deviation."""
-        at = self.field.columns_of(law)[0]
+        at = self.field.columns[law][0]
         means = np.array([model.mean[at] for model in self.models_in_field])
         variance = np.array([model.variance(at) for model in self.models_in_field])
         weight = np.array([model.weight for model in self.models_in_field])
@@ -338,17 +304,18 @@ class Posterior:
             if AxisOffset.id in model.as_stated.free:
                 deviation[-3:] = np.hypot(deviation[-3:], self._turn_of_drives)
             return deviation
-        alike: dict[str, dict[int, Lean]] = {}
-        for lean in (
-            *self._stated_leans,
-            *(lean for k in model.members for lean in self._leans[k]),
-        ):
-            alike.setdefault(lean.id, {})[lean.place] = lean
-        for leans in alike.values():
-            squares = [in_field.mean[at] ** 2 + in_field.variance(at) for at in leans]
-            for lean in leans.values():
-                size = lean.unit * math.sqrt(math.fsum(squares) / len(squares))
-                deviation[lean.turn] = math.hypot(deviation[lean.turn], size)
+        acting = [(e.effect, e.place) for e in effects_of_tool(self.sessions[-1].case.model)]
+        shares = (share for k in model.members for share in self.components[k].shares)
+        leans: dict[str, list[Placed]] = {}
+        for law in dict.fromkeys([*acting, *((share.effect, share.place) for share in shares)]):
+            if law in self._turns:
+                leans.setdefault(law[0].id, []).append(law)
+        for laws in leans.values():
+            columns = [self.field.columns[law][0] for law in laws]
+            squares = [in_field.mean[at] ** 2 + in_field.variance(at) for at in columns]
+            for turn, unit in map(self._turns.__getitem__, laws):
+                size = unit * math.sqrt(math.fsum(squares) / len(squares))
+                deviation[turn] = math.hypot(deviation[turn], size)
         return deviation
 
     @cached_property
@@ -374,34 +341,28 @@ class Posterior:
         tolerances = self.sessions[-1].case.geometry
         shares = (share for k in everywhere for share in self.components[k].shares)
         for unseen in tolerances.keys() - {(share.effect, share.place) for share in shares}:
-            deviation[self.field.columns_of(unseen)[0]] = tolerances[unseen]
+            deviation[self.field.columns[unseen][0]] = tolerances[unseen]
         if self.geometry.common_zero:
-            for (law, place), tolerance in tolerances.items():
-                if turn := _turn_of(law, place):
-                    column, unit = turn
-                    deviation[column] = math.hypot(deviation[column], unit * tolerance)
+            for law in tolerances.keys() & self._turns.keys():
+                turn, unit = self._turns[law]
+                deviation[turn] = math.hypot(deviation[turn], unit * tolerances[law])
         return deviation
 
     @cached_property
-    def _stated_leans(self) -> list[Lean]:
-        """Leans of effects that the model of the sessions has."""
-        effects = effects_of_tool(self.sessions[-1].case.model)
-        return self._leans_of((instance.effect, instance.place) for instance in effects)
+    def _turns(self) -> dict[Placed, tuple[int, float]]:
+        """Laws of the field beside which a turn, or shift, of the whole machine may hide.
 
-    @cached_property
-    def _leans(self) -> list[list[Lean]]:
-        """Leans of each component."""
-        return [
-            self._leans_of((share.effect, share.place) for share in component.shares)
-            for component in self.components
-        ]
-
-    def _leans_of(self, laws: Iterable[Placed]) -> list[Lean]:
-        return [
-            Lean(law[0].id, self.field.columns_of(law)[0], *turn)
-            for law in laws
-            if (turn := _turn_of(*law))
-        ]
+        Its column, from the end of the field, and unit: about, or along, the axis that is neither
+        of the two at the place of the law. Laws of one id are as large as each other, r.m.s.
+        """
+        firsts = {"axis_squareness": (-3, PER_THOUSAND), "axis_offset": (-RIGID, 1.0)}
+        turns = {}
+        for law, place in self.field.columns:
+            if law.id in firsts:
+                first, unit = firsts[law.id]
+                (third,) = {0, 1, 2} - {"xyz".index(name) for name in place[:2]}
+                turns[law, place] = first + third, unit
+        return turns
 
     @cached_property
     def distances_left(self) -> FloatArray:
@@ -467,16 +428,3 @@ def effects_of_tool(model: Model) -> list[EffectInstance]:
         for effect in model.effects
         if isinstance(effect, EffectInstance) and effect.stage in MOVES_THE_TOOL
     ]
-
-
-def _turn_of(law: Effect, place: str) -> tuple[int, float] | None:
-    """Column from the end of the field, and unit, of the turn or shift that may hide beside a law.
-
-    About, or along, the axis that is neither of the two at its place.
-    """
-    first_and_unit = {"axis_squareness": (-3, PER_THOUSAND), "axis_offset": (-RIGID, 1.0)}
-    if law.id not in first_and_unit:
-        return None
-    first, unit = first_and_unit[law.id]
-    (third,) = {0, 1, 2} - {"xyz".index(name) for name in place[:2]}
-    return first + third, unit

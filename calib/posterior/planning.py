@@ -14,7 +14,7 @@ from itertools import combinations, starmap
 
 import numpy as np
 
-from calib.arrays import TIE, Conditions, FloatArray, descending
+from calib.arrays import TIE, FloatArray, descending
 from calib.posterior.correction import Correction, parts_of
 from calib.posterior.forecast import HEAVIEST, Forecast
 from calib.posterior.library import ELSE
@@ -160,7 +160,7 @@ class Planner:
             if group not in left_out and name not in left_out
         ]
         frame = self.correction.frame
-        return Forecast.of(self.posterior, frame, index, self.stated_mm)
+        return Forecast(self.posterior, frame, index, self.stated_mm)
 
     @property
     def bound_mm(self) -> float:
@@ -170,15 +170,12 @@ class Planner:
     @cached_property
     def readings(self) -> list[ExpectedReadings]:
         """What each candidate is expected to show."""
-        set_ups_by_preparation: dict[MeasurementPreparation, dict[int, Conditions]] = {}
-        for candidate in self.candidates:
-            set_ups = {id(set_up): set_up for set_up in candidate.taken}
-            set_ups_by_preparation.setdefault(candidate.preparation, {}).update(set_ups)
         expectations: dict[tuple[MeasurementPreparation, int], ExpectedReadings] = {}
-        for preparation, set_ups in set_ups_by_preparation.items():
-            expected = self.forecast.readings(list(set_ups.values()), preparation.model)
-            keys = [(preparation, key) for key in set_ups]
-            expectations |= dict(zip(keys, expected, strict=True))
+        for preparation in dict.fromkeys(candidate.preparation for candidate in self.candidates):
+            alike = (c.taken for c in self.candidates if c.preparation == preparation)
+            set_ups = {(preparation, id(set_up)): set_up for taken in alike for set_up in taken}
+            expected = self.forecast.readings([*set_ups.values()], preparation.model)
+            expectations |= dict(zip(set_ups, expected, strict=True))
         return [
             ExpectedReadings.together(
                 [expectations[candidate.preparation, id(s)] for s in candidate.taken]
@@ -255,12 +252,10 @@ class Planner:
             return []
         names_open = []
         for name in likeliest:
-            heaviest, weight = models.get(name, []), self.forecast.weight
-            heaviest = [k for k in heaviest if weight[k] >= NEAR * weight[heaviest[0]]][
-                :MOST_OF_NAME
-            ]
+            of_name, weight = models.get(name, []), self.forecast.weight
+            heaviest = [k for k in of_name if weight[k] >= NEAR * weight[of_name[0]]]
             if heaviest and shares[name] >= OPEN * shares[likeliest[0]]:
-                names_open.append((name, shares[name], heaviest))
+                names_open.append((name, shares[name], heaviest[:MOST_OF_NAME]))
         return names_open
 
     def _name(self, members: Sequence[int]) -> Name:
@@ -287,12 +282,7 @@ class Planner:
             return None
         weight = np.array([share for _, share, _ in self._open])
         apart = self._apart()
-        score = np.array(
-            [
-                float((np.minimum(distances, GOAL) * np.outer(weight, weight)).sum())
-                for distances in apart
-            ]
-        )
+        score = np.array([weight @ np.minimum(distances, GOAL) @ weight for distances in apart])
         best = min(
             np.flatnonzero(score >= NEARLY * score.max()).tolist(),
             key=lambda k: (bool(self.candidates[k].preparation.words), self.candidates[k].minutes),

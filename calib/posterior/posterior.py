@@ -10,11 +10,11 @@ import numpy as np
 
 from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.first_takes import first_takes_apart
-from calib.posterior.labels import SolvedSessions, Way, with_mistakes
+from calib.posterior.labels import with_mistakes
 from calib.posterior.library import Component
 from calib.posterior.library import laws as library_laws
 from calib.posterior.models import Posterior, WeightedModel
-from calib.posterior.problem import PosteriorProblem
+from calib.posterior.problem import SolvedSessions, Way
 from calib.posterior.screws import with_searched_leads
 from calib.posterior.selection import LIGHTEST
 from calib.posterior.statements import AS_STATED, DIRECTIONS, NOTHING, Statement
@@ -50,14 +50,10 @@ def posterior(cases: Sequence[SessionCase], effects: Sequence[Effect] | None = N
     sessions = cells_by_statement[NOTHING]
     laws = with_searched_leads(CATALOGUE if effects is None else effects, sessions)
     laws = (*laws, *_adopted_variants(cases[-1], laws))
-
-    def solve(sessions: Sequence[Cells], with_play: bool) -> SolvedSessions[Posterior]:
-        return PosteriorProblem.of(tuple(sessions), laws).solved(with_play=with_play)
-
     ways = [
         way for s, share in shares.items() for way in _ways(cells_by_statement[s], math.log(share))
     ]
-    return _mixed(with_mistakes(ways, solve))
+    return _mixed(with_mistakes(ways, laws))
 
 
 def _shares(cases: Sequence[SessionCase]) -> dict[Statement, float]:
@@ -124,7 +120,7 @@ def _ways_of_first_takes(sessions: Sequence[Cells], log_prior: float) -> list[Wa
     return ways
 
 
-def _mixed(solutions: Sequence[SolvedSessions[Posterior]]) -> Posterior:
+def _mixed(solutions: Sequence[SolvedSessions]) -> Posterior:
     """The sessions as they are, and put right in each way, weighed by their evidence.
 
     The first knows the sessions; each has components of its own, since its rows differ.
@@ -142,16 +138,16 @@ def _mixed(solutions: Sequence[SolvedSessions[Posterior]]) -> Posterior:
         models += [
             replace(
                 model,
-                members=tuple(first + k for k in model.members),
+                key=tuple((first + k, scale) for k, scale in model.key),
                 everywhere=tuple(first + k for k in model.everywhere),
                 weight=weight * model.weight,
-                mistakes=result.mistakes,
-                as_stated=result.solution.sessions[-1].case.as_stated,
+                mistakes=result.way.mistakes,
+                as_stated=result.way.sessions[-1].case.as_stated,
             )
-            for model in result.solution.models
+            for model in result.posterior.models
         ]
-        components += result.solution.components
-    likeliest = solutions[0].solution
-    laws = (law for result in solutions for law in result.solution.field.placed)
+        components += result.posterior.components
+    likeliest = solutions[0].posterior
+    laws = (law for result in solutions for law in result.posterior.field.columns)
     field = tool_field(likeliest.geometry, tuple(dict.fromkeys(laws)))
     return Posterior(likeliest.sessions, tuple(components), tuple(models), field, likeliest.linear)

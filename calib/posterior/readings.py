@@ -7,15 +7,17 @@ columns can show. The cost of everything after goes with cells.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import combinations
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate, combinations, pairwise, starmap
 
 import numpy as np
+from scipy.sparse import block_diag  # scipy.linalg would take 0.04 s more to import
 
-from calib.arrays import FloatArray, set_up_unknowns
+from calib.arrays import FloatArray, IntArray, set_up_unknowns
 from calib.identify.fit import design_of
-from calib.posterior.cells import BASE, Cells
+from calib.posterior.cells import BASE, Cells, SessionCase
+from calib.posterior.library import ELSE, OTHER_BARS, Component, other_bars, something_else
 from calib.tripod.effects.candidates import placed_columns
 from calib.tripod.effects.effect import Effect, Kind, Placed
 from calib.tripod.pipeline import Model
@@ -34,8 +36,8 @@ class Rows:
 
     ``residual`` ``(n,)`` is measured less predicted; ``base`` ``(n, b)`` are derivatives by the
     lengths that sessions share, then by the joint offsets of each; ``columns`` ``(n, k)`` those of
-    effects. The first ``cells`` rows are means of cells; up to ``exact`` follow distances between
-    marks; the others are what readings do within cells.
+    laws, each in its ``places``. The first ``cells`` rows are means of cells; up to ``exact``
+    follow distances between marks; the others are what readings do within cells.
     ``value`` ``(b,)`` is where the models have the base parameters, ``prior`` ``(b,)`` where they
     are expected, within ``spread`` ``(b,)``; ``whitening`` ``(b, b)`` makes what is expected of
     them, in these standard deviations, independent. ``free`` directions are left to readings beside
@@ -46,6 +48,7 @@ class Rows:
     residual: FloatArray
     base: FloatArray
     columns: FloatArray
+    places: dict[Placed, slice]
     cells: int
     exact: int
     value: FloatArray
@@ -62,81 +65,75 @@ def rows_of(
     sessions: Sequence[Cells],
     models: Sequence[Model],
     placed_laws: Sequence[Mapping[Placed, FloatArray]],
-    widths: Mapping[Placed, int],
     *,
     within: bool = True,
 ) -> Rows:
-    """The sessions about these models; ``placed`` are columns of laws in each, zero elsewhere.
+    """The sessions about these models; ``placed_laws`` are columns of laws in each, zero elsewhere.
 
-    ``widths`` are how many values each law has, in the order of `Rows.columns`; without ``within``
-    only the means of cells.
+    Without ``within`` only the means of cells, and distances.
     """
-    count = len(sessions)
-    width, total = LENGTHS + 3 * count, sum(widths.values())
-    starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
-    parts, timed_parts = [], []
-    for number, (cells, model, laws) in enumerate(zip(sessions, models, placed_laws, strict=True)):
-        means = cells.means
-        rows = np.zeros((len(means), 1 + width + total))
-        rows[:, 0] = means.value_mm - model.readings(means)
+    laws = dict.fromkeys(law for by_law in placed_laws for law in by_law)
+    ends = [*accumulate((len(effect.parameters) for effect, _ in laws), initial=0)]
+    places = dict(zip(laws, starmap(slice, pairwise(ends)), strict=True))
+    width = LENGTHS + 3 * len(sessions)
+
+    def block(
+        number: int, residual: FloatArray, by_base: FloatArray, by_law: Mapping[Placed, FloatArray]
+    ) -> FloatArray:
+        """Rows of a session: what is left, lengths, joint offsets of every session, laws."""
+        base, columns = np.zeros((len(residual), width)), np.zeros((len(residual), ends[-1]))
+        base[:, :LENGTHS] = by_base[:, 3:]
+        base[:, LENGTHS + 3 * number : LENGTHS + 3 * number + 3] = by_base[:, :3]
+        for law, by_values in by_law.items():
+            columns[:, places[law]] = by_values
+        return np.column_stack([residual, base, columns])
+
+    parts, measured, in_time = [], [], []
+    for number, (cells, model, by_law) in enumerate(
+        zip(sessions, models, placed_laws, strict=True)
+    ):
+        means, visits, distances = cells.means, cells.visits, cells.case.distances
+        left_mm = means.value_mm - model.readings(means)
         by_base = design_of(model, means, range(BASE), ())
-        rows[:, 1 : 1 + LENGTHS] = by_base[:, 3:]
-        first = 1 + LENGTHS + 3 * number
-        rows[:, first : first + 3] = by_base[:, :3]
-        for law, columns in laws.items():
-            at = 1 + width + starts[law]
-            rows[:, at : at + columns.shape[1]] = columns
-        parts.append(cells.whitened(rows))
-        timed = [law for law in laws if depends_on_time(law[0])]
-        if within and timed and len(cells.visits) > len(means):
-            effects = list(dict.fromkeys(effect for effect, _ in timed))
-            by_law = placed_columns(model, cells.visits, effects, timed)
-            left_mm = cells.visits.value_mm - model.readings(cells.visits)
-            timed_columns = cells.in_time(np.hstack([by_law[law] for law in timed]), left_mm)
-            padded = np.zeros((len(timed_columns), rows.shape[1]))
-            padded[:, 0] = timed_columns[:, 0]
-            index = [1 + width + starts[law] + k for law in timed for k in range(widths[law])]
-            padded[:, index] = timed_columns[:, 1:]
-            timed_parts.append(padded)
-    measured = []
-    for number, (cells, model) in enumerate(zip(sessions, models, strict=True)):
-        distances = cells.case.distances
-        rows = np.zeros((len(distances), 1 + width + total))
+        parts.append(cells.whitened(block(number, left_mm, by_base, by_law)))
         if len(distances):
-            by_base = distances.by_base(model)
-            rows[:, 0] = distances.residual(model)
-            rows[:, 1 : 1 + LENGTHS] = by_base[:, 3:]
-            first = 1 + LENGTHS + 3 * number
-            rows[:, first : first + 3] = by_base[:, :3]
-            for law, columns in distances.by_laws(model, widths).items():
-                at = 1 + width + starts[law]
-                rows[:, at : at + columns.shape[1]] = columns
-        measured.append(rows)
-    rows = np.vstack([*parts, *measured, *timed_parts])
+            residual, by_base = distances.residual(model), distances.by_base(model)
+            measured.append(block(number, residual, by_base, distances.by_laws(model, laws)))
+        timed = [law for law in by_law if depends_on_time(law[0])]
+        if within and timed and len(visits) > len(means):
+            effects = list(dict.fromkeys(effect for effect, _ in timed))
+            by_timed = placed_columns(model, visits, effects, timed)
+            columns = np.hstack([by_timed[law] for law in timed])
+            rows = cells.in_time(columns, visits.value_mm - model.readings(visits))
+            starts = np.cumsum([1, *(by_timed[law].shape[1] for law in timed)])
+            residual, *split = np.split(rows, starts[:-1], axis=1)
+            no_base = np.zeros((len(rows), BASE))
+            in_time.append(block(number, residual, no_base, dict(zip(timed, split, strict=True))))
+    rows = np.vstack([*parts, *measured, *in_time])
 
     def base_of(values: Sequence[Sequence[float] | FloatArray]) -> FloatArray:
-        return np.array(
-            [*values[0][3:], *(v for values_of_session in values for v in values_of_session[:3])]
-        )
+        return np.concatenate([values[0][3:], *(of_session[:3] for of_session in values)])
 
     free = len(rows) + sum(len(cells.apart) for cells in sessions)
     free += sum(map(len, measured))
     free -= sum(set_up_unknowns(cells.means) + 3 for cells in sessions)
     freedom = sum(cells.freedom for cells in sessions)
+    cells_count = sum(map(len, parts))
     return Rows(
-        rows[:, 0],
-        rows[:, 1 : 1 + width],
-        rows[:, 1 + width :],
-        sum(map(len, parts)),
-        sum(map(len, [*parts, *measured])),
-        base_of([model.parameters_mm for model in models]),
-        base_of(_expected_mm(sessions)),
-        base_of([cells.case.spread_mm for cells in sessions]),
-        _whitening(sessions),
-        free,
-        freedom,
-        sum(cells.excess for cells in sessions),
-        sum(cells.log_constant for cells in sessions) + log_of_student(freedom, free),
+        residual=rows[:, 0],
+        base=rows[:, 1 : 1 + width],
+        columns=rows[:, 1 + width :],
+        places=places,
+        cells=cells_count,
+        exact=cells_count + sum(map(len, measured)),
+        value=base_of([model.parameters_mm for model in models]),
+        prior=base_of(_expected_mm(sessions)),
+        spread=base_of([cells.case.spread_mm for cells in sessions]),
+        whitening=_whitening(sessions),
+        free=free,
+        freedom=freedom,
+        excess=sum(cells.excess for cells in sessions),
+        log_constant=sum(cells.log_constant for cells in sessions) + log_of_student(freedom, free),
     )
 
 
@@ -180,3 +177,116 @@ def log_of_student(freedom: float, free: int) -> float:
     half = (freedom + free) / 2.0
     log_gammas = math.lgamma(half) - math.lgamma(freedom / 2.0)
     return half * math.log(freedom) + log_gammas - free / 2.0 * math.log(freedom / 2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSessions:
+    """Sessions about one fit of the base, as components see them.
+
+    ``columns`` ``(n, k)`` of all components, per unit of their values; ``index`` says which are
+    whose.
+    """
+
+    rows: Rows
+    columns: FloatArray
+    index: tuple[IntArray, ...]
+
+
+def linear_about(
+    sessions: Sequence[Cells],
+    models: Sequence[Model],
+    components: Sequence[Component],
+    placed: Sequence[Mapping[Placed, FloatArray]] | None = None,
+) -> tuple[LinearSessions, tuple[Component, ...]]:
+    """The sessions about a model of each; components with as many values as they have columns.
+
+    ``placed`` are `placed_columns` of each session, of these laws and others, where they are known.
+    """
+    rows, blocks = rows_and_blocks(sessions, models, components, placed)
+    of_postures, squares = _of_postures(sessions, len(rows.residual))
+    pairs = []
+    for component, block in zip(components, blocks, strict=True):
+        if component.id == ELSE:
+            unit, block = np.full(len(squares), component.unit[0]), of_postures
+            component = replace(component, unit=unit, squares=squares)
+        if component.id != OTHER_BARS:
+            pairs.append((component, block * component.unit))
+    pairs += _bars_of_sessions(sessions, rows)
+    ends = np.cumsum([block.shape[1] for _, block in pairs])
+    index = np.split(np.arange(ends[-1], dtype=np.intp), ends[:-1])
+    columns = np.hstack([block for _, block in pairs])
+    return LinearSessions(rows, columns, tuple(index)), tuple(component for component, _ in pairs)
+
+
+def rows_and_blocks(
+    sessions: Sequence[Cells],
+    models: Sequence[Model],
+    components: Sequence[Component],
+    placed: Sequence[Mapping[Placed, FloatArray]] | None = None,
+    *,
+    within: bool = True,
+) -> tuple[Rows, list[FloatArray]]:
+    """Rows about these models, and the columns ``(n, r)`` of each component.
+
+    ``placed`` as `linear_about` has them.
+    """
+    laws = dict.fromkeys(s.effect for component in components for s in component.shares)
+    placed = placed or [
+        placed_columns(model, cells.means, list(laws))
+        for model, cells in zip(models, sessions, strict=True)
+    ]
+    placed_laws = [
+        {law: columns for law, columns in of_session.items() if law[0] in laws}
+        for of_session in placed
+    ]
+    rows = rows_of(sessions, models, placed_laws, within=within)
+    blocks = []
+    for component in components:
+        block = np.zeros((len(rows.residual), len(component.unit)))
+        for share in component.shares:
+            columns = rows.columns[:, rows.places[share.effect, share.place]]
+            for value, column in zip(share.values, columns.T, strict=True):
+                block[:, value] += column
+        blocks.append(block)
+    return rows, blocks
+
+
+def free_columns(
+    components: Sequence[Component],
+    columns: FloatArray,
+    index: Sequence[IntArray],
+    case: SessionCase,
+) -> FloatArray:
+    """Columns ``(n, r)`` of adopted effects per standard deviation; others are per unit."""
+    blocks = [np.zeros((len(columns), 0))]
+    for component, places in zip(components, index, strict=True):
+        if (law := component.at_one_place) in case.free_spread:
+            blocks.append(columns[:, places] * (case.free_spread[law] / component.unit))
+    return np.hstack(blocks)
+
+
+def _bars_of_sessions(
+    sessions: Sequence[Cells], rows: Rows
+) -> Iterator[tuple[Component, FloatArray]]:
+    """Other bars in each session but the first, with their columns ``(n, 3)``."""
+    counts = [len(cells.means) for cells in sessions]
+    counts += [len(cells.case.distances) for cells in sessions]
+    owner = np.repeat(np.tile(np.arange(len(sessions)), 2), counts)
+    for number in range(1, len(sessions)):
+        own_rows = np.flatnonzero(owner == number)
+        columns = np.zeros((len(rows.residual), LENGTHS))
+        columns[own_rows] = rows.base[own_rows, :LENGTHS] * rows.spread[:LENGTHS]
+        yield other_bars(number, rows.spread[:LENGTHS]), columns
+
+
+def _of_postures(sessions: Sequence[Cells], total: int) -> tuple[FloatArray, FloatArray]:
+    """Columns ``(total, r)`` of errors of each posture's own, 1 mm r.m.s., for each session.
+
+    Beside them their mean squares ``(r,)`` over the cells of all sessions, mm².
+    """
+    errors = [something_else(cells.means) for cells in sessions]
+    squares = np.concatenate([(columns**2).mean(axis=0) for columns in errors]) / len(sessions)
+    blocks = [cells.whitened(columns) for cells, columns in zip(sessions, errors, strict=True)]
+    columns = np.zeros((total, len(squares)))
+    columns[: sum(map(len, blocks))] = block_diag(blocks).toarray()
+    return columns, squares

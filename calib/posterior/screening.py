@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,13 +11,11 @@ from calib.errors import NotIdentifiable
 from calib.identify.fit import design_of
 from calib.noise.repeats import Repeats, typical_mm2
 from calib.posterior.cells import BASE, Cells
-from calib.tripod.pipeline import Model
 
 LOOSE = 6.0
 """Variance of repeats over that of their usual difference; with heavy tails it is 2 to 3."""
 
 
-@dataclass(frozen=True, eq=False)
 class Screen:
     """Visits of one session about its plain model: what is left of other values of its rows.
 
@@ -28,34 +25,39 @@ class Screen:
     ``elsewhere`` are sum of squares and degrees of freedom of other sessions: one noise is theirs.
     """
 
-    cells: Cells
-    predicted_mm: FloatArray
-    root: FloatArray
-    basis: FloatArray
-    expected: FloatArray
-    freedom: float
-    left: FloatArray
-    square: float
-    elsewhere: tuple[float, float] = (0.0, 0.0)
+    def __init__(
+        self,
+        cells: Cells,
+        columns: FloatArray | None = None,
+        root: FloatArray | None = None,
+        elsewhere: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        """Beside columns ``(n_cells, r)``, None: none.
 
-    @classmethod
-    def of(cls, cells: Cells, columns: FloatArray, root: FloatArray) -> Screen:
-        """Beside columns ``(n_cells, r)``; ``root`` ``(n,)`` are standard deviations, mm."""
-        visits, model, cell = cells.visits, _plain(cells), cells.cell
+        ``root`` ``(n,)`` are standard deviations, mm, None: those of `even_mm`.
+        """
+        visits, cell = cells.visits, cells.cell
+        self.cells, self.elsewhere = cells, elsewhere
+        self.root = even_mm(cells) if root is None else root
+        columns = np.zeros((len(cells.means), 0)) if columns is None else columns
+        try:
+            model = cells.model
+        except NotIdentifiable:  # where labels are too wrong for a fit, the model of the session
+            model = cells.case.model
         base_root, count = cells.case.base_root, BASE + columns.shape[1]
         derivatives = design_of(model, cells.means, range(BASE), ()) @ base_root
         zeros = np.hstack([incidence(visits.mount), tilts(visits)])
-        columns_of_visits = np.hstack([zeros, derivatives[cell], columns[cell]]) / root[:, None]
+        columns_of_visits = np.hstack([zeros, derivatives[cell], columns[cell]])
         below = np.hstack([np.zeros((count, zeros.shape[1])), np.eye(count)])
-        basis = np.linalg.qr(np.vstack([columns_of_visits, below]))[0]
-        expected = np.zeros(count)
+        rows = np.vstack([columns_of_visits / self.root[:, None], below])
+        self.basis = np.linalg.qr(rows)[0]
+        self.expected = np.zeros(count)
         departure = np.array(cells.case.model.parameters_mm) - model.parameters_mm
-        expected[:BASE] = np.linalg.solve(base_root, departure)
-        freedom = len(visits) - zeros.shape[1] - 3.0
-        predicted = model.readings(cells.means)[cell]
-        blank = cls(cells, predicted, root, basis, expected, freedom, np.zeros(0), 0.0)
-        remainder = blank.left_of(visits.value_mm[:, None])[:, 0]
-        return replace(blank, left=remainder, square=float(remainder @ remainder))
+        self.expected[:BASE] = np.linalg.solve(base_root, departure)
+        self.freedom = len(visits) - zeros.shape[1] - 3.0
+        self.predicted_mm = model.readings(cells.means)[cell]
+        self.left = self.left_of(visits.value_mm[:, None])[:, 0]
+        self.square = float(self.left @ self.left)
 
     def left_of(self, value_mm: FloatArray) -> FloatArray:
         """What is left ``(n + p, k)`` of values ``(n, k)``."""
@@ -73,14 +75,6 @@ class Screen:
         half = max(self.freedom + free - fewer, 1.0) / 2.0  # of fewer readings than unknowns
         total = np.maximum(square, 1e-9) + elsewhere_square
         return np.asarray(math.lgamma(half) - half * np.log(total / 2.0))
-
-
-def _plain(cells: Cells) -> Model:
-    """The fit without effects; where labels are too wrong for one, the model of the session."""
-    try:
-        return cells.model
-    except NotIdentifiable:
-        return cells.case.model
 
 
 def even_mm(cells: Cells) -> FloatArray:

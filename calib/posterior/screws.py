@@ -7,8 +7,6 @@ beside the base is known in closed form.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.sparse import block_diag  # scipy.linalg would take 0.04 s more to import
@@ -62,36 +60,33 @@ def with_searched_leads(effects: Sequence[Effect], sessions: Sequence[Cells]) ->
     return (*effects, *searched, *(Repeating(law.lead_mm) for law in searched))
 
 
-@dataclass(frozen=True, eq=False)
 class SearchedScrew:
     """A carriage: its travel ``(n_cells,)`` in each session, mm.
 
-    ``per_mm`` ``(n_cells,)`` is what means of cells change for each mm of it, ``left`` and
+    ``per_mm`` ``(n_cells,)`` is what means of cells change for each mm of it, ``residual`` and
     ``basis`` what the base leaves of them and what it does, whitened.
     """
 
-    sessions: Sequence[Cells]
-    travel_mm: tuple[FloatArray, ...]
-    per_mm: tuple[FloatArray, ...]
-    left: FloatArray
-    basis: FloatArray
-
-    @cached_property
-    def _step(self) -> float:
-        way = max(float(np.ptp(travel)) for travel in self.travel_mm)
-        return STEP / max(way, STEP * ISO_LEADS_MM[-1])
-
-    @cached_property
-    def _grid(self) -> FloatArray:
-        """Turns for each mm of travel."""
-        return np.arange(1.0 / ISO_LEADS_MM[-1], 1.0 / ISO_LEADS_MM[0] + self._step / 2, self._step)
+    def __init__(
+        self,
+        sessions: Sequence[Cells],
+        travel_mm: Sequence[FloatArray],
+        per_mm: Sequence[FloatArray],
+        residual: FloatArray,
+        basis: FloatArray,
+    ) -> None:
+        self.sessions, self.travel_mm, self.per_mm = sessions, travel_mm, per_mm
+        self.residual, self.basis = residual, basis
+        way, (finest, *_, coarsest) = max(map(np.ptp, travel_mm)), ISO_LEADS_MM
+        self._step = STEP / max(float(way), STEP * coarsest)
+        self._grid = np.arange(1.0 / coarsest, 1.0 / finest + self._step / 2, self._step)
 
     def leads_mm(self) -> Iterator[float]:
         """Leads that explain as much as the best, each the best of its peak; standard ones first.
 
         None where the best explains less than `DECISIVE`.
         """
-        turns = self._grid
+        turns = self._grid  # for each mm of travel
         squares = self._explained(1.0 / turns)
         inner = np.concatenate([[-np.inf], squares, [-np.inf]])
         peaks = turns[(squares >= inner[:-2]) & (squares >= inner[2:])]
@@ -123,7 +118,7 @@ class SearchedScrew:
         beside_sine = cosine - sine * ((sine * cosine).sum(axis=0) / square)
         rest_square = np.maximum((beside_sine * beside_sine).sum(axis=0), 1e-12)
         return np.asarray(
-            (self.left @ sine) ** 2 / square + (self.left @ beside_sine) ** 2 / rest_square
+            (self.residual @ sine) ** 2 / square + (self.residual @ beside_sine) ** 2 / rest_square
         )
 
     def _free(self, waves: Sequence[FloatArray]) -> FloatArray:
@@ -162,6 +157,4 @@ def _screws(sessions: Sequence[Cells]) -> Iterator[SearchedScrew]:
             )
             travels.append(travel)
         if len(levels) >= LEAST_LEVELS:
-            yield SearchedScrew(
-                sessions, tuple(travels), tuple(changes), without(basis, rows), basis
-            )
+            yield SearchedScrew(sessions, travels, changes, without(basis, rows), basis)

@@ -9,9 +9,10 @@ degrees of freedom makes the evidence a Student's t: -(ν + n)/2 log(ν + Q), Q 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations_with_replacement, product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -68,52 +69,29 @@ def log_causes(acting: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class ModelEntry:
-    """A model that is weighed: its components, the scale of each, and its log weight."""
+    """A model that is weighed: its components with the scale of each, and its log weight."""
 
-    members: tuple[int, ...]
-    scales: tuple[float, ...]
+    key: Key
     log_weight: float
 
     @property
-    def key(self) -> Key:
-        """The components of the entry, each with its scale."""
-        return tuple(zip(self.members, self.scales, strict=True))
+    def members(self) -> tuple[int, ...]:
+        """The components of the entry."""
+        return tuple(k for k, _ in self.key)
 
 
 @dataclass(frozen=True, eq=False)
 class Products:
-    """C'C ``(k, k)`` and C'y ``(k,)`` of columns in units; what is explained, and its room.
-
-    ``square`` is y'y.
-    """
+    """C'C ``(k, k)`` and C'y ``(k,)`` of columns in units; ``square`` is y'y."""
 
     inner: FloatArray
     along: FloatArray
     square: float
-    room: float = 0.0
 
-    def taken_by(self, index: IntArray, scale: FloatArray, columns: slice) -> ExplainedPart:
-        """What columns ``(r,)`` of these scales ``(r,)`` take over of these ``columns``."""
-        block = np.eye(len(index)) + scale[:, None] * self.inner[np.ix_(index, index)] * scale
-        root = np.linalg.cholesky(block)
-        products = np.column_stack([self.inner[index][:, columns], self.along[index]])
-        explained = np.linalg.solve(root, scale[:, None] * products)
-        return ExplainedPart(
-            explained[:, :-1], explained[:, -1], -float(np.log(root.diagonal()).sum())
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class ExplainedPart:
-    """What a model's columns take over of C'C and C'y.
-
-    For others the products are C'C - ``shown``' ``shown`` ``(r, k)``, C'y - ``shown``' ``along``
-    ``(r,)``, y'y - ``along``' ``along``, and the room is more by ``room``.
-    """
-
-    shown: FloatArray
-    along: FloatArray
-    room: float
+    @classmethod
+    def of(cls, columns: FloatArray, rows: FloatArray) -> Products:
+        """The products of columns ``(n, k)`` and readings ``(n,)``."""
+        return cls(columns.T @ columns, columns.T @ rows, float(rows @ rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,21 +127,36 @@ class ModelSelection:
         remainder = np.maximum(self.freedom + self.excess + square, 1e-9)
         return np.asarray(room - 0.5 * (self.freedom + self.free) * np.log(remainder))
 
+    def columns_of(self, key: Key) -> tuple[IntArray, FloatArray]:
+        """The columns ``(r,)`` of a model, and the scale of each."""
+        index = np.concatenate([np.zeros(0, np.intp), *(self.columns[k] for k, _ in key)])
+        return index, np.repeat([scale for _, scale in key], [len(self.columns[k]) for k, _ in key])
+
+    def explained_by(
+        self, key: Key, columns: slice = slice(None)
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """What a model takes over of C'C and C'y: ``shown`` ``(r, k)``, ``along`` ``(r,)``, room.
+
+        For others the products are C'C - ``shown``' ``shown``, of these ``columns``, C'y -
+        ``shown``' ``along``, y'y - ``along``' ``along``, and the log determinant is in the room.
+        """
+        index, scale = self.columns_of(key)
+        inner, along = self.products.inner[index], self.products.along[index]
+        root = np.linalg.cholesky(np.eye(len(index)) + scale[:, None] * inner[:, index] * scale)
+        products = np.column_stack([inner[:, columns], along])
+        explained = np.linalg.solve(root, scale[:, None] * products)
+        return explained[:, :-1], explained[:, -1], -float(np.log(root.diagonal()).sum())
+
+    def _cost(self, key: Key, further: int = 0) -> float:
+        """Log prior of a model, of ``further`` components but for their own."""
+        costs = (self._log_prior[SCALES.index(scale), k] for k, scale in key)
+        return float(self._log_causes[len(key) + further] + sum(costs))
+
     def entry(self, key: Key) -> ModelEntry:
         """One model, weighed alone."""
-        explained = self._explained_part(key, slice(0))
-        square = np.array(self.products.square - float(explained.along @ explained.along))
-        room = np.array(self.products.room + explained.room)
-        cost = float(self._log_causes[len(key)]) + sum(self._cost(*member) for member in key)
-        log_weight = float(self.log_evidence(square, room)) + cost
-        return ModelEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log_weight)
-
-    def _explained_part(self, key: Key, columns: slice) -> ExplainedPart:
-        index = np.concatenate([np.zeros(0, np.intp), *(self.columns[k] for k, _ in key)])
-        scale_of_columns = [np.full(len(self.columns[k]), scale) for k, scale in key]
-        return self.products.taken_by(
-            index, np.concatenate([np.zeros(0), *scale_of_columns]), columns
-        )
+        _, along, room = self.explained_by(key, slice(0))
+        square = np.array(self.products.square - float(along @ along))
+        return ModelEntry(key, float(self.log_evidence(square, np.array(room))) + self._cost(key))
 
     def best_singles(
         self, along: FloatArray, square: FloatArray, components: Sequence[int]
@@ -183,7 +176,7 @@ class ModelSelection:
             for scale, log_prior in zip(SCALES, self._log_prior, strict=True):
                 wide = 1.0 + scale**2 * size
                 remainder = square - (scale**2 * turned**2 / wide[:, :, None]).sum(axis=1)
-                room = self.products.room - 0.5 * np.log(wide).sum(axis=1)
+                room = -0.5 * np.log(wide).sum(axis=1)
                 log = self.log_evidence(remainder, room[:, None])
                 log = log + log_prior[members[is_among]][:, None]
                 best = np.maximum(best, log.max(axis=0))
@@ -202,25 +195,24 @@ class ModelSelection:
 
     def one_more(self, key: Key = ()) -> tuple[FloatArray, FloatArray]:
         """What is left and the room ``(scales, components)`` of each beside a model."""
-        explained = self._explained_part(key, slice(None))
-        along = self.products.along - explained.along @ explained.shown
-        remainder = self.products.square - float(explained.along @ explained.along)
+        products, explained, room_of_model = self.explained_by(key)
+        along = self.products.along - explained @ products
+        remainder = self.products.square - float(explained @ explained)
         square = np.empty((len(SCALES), len(self.columns)))
         room = np.empty_like(square)
         scales = np.array(SCALES)[:, None, None, None]
         for members, index, inner in self._blocks:
-            overlap = explained.shown[:, index]
+            overlap = products[:, index]
             blocks = inner - np.einsum("rmi,rmj->mij", overlap, overlap)
             root = np.linalg.cholesky(np.eye(index.shape[1]) + scales**2 * blocks)
             own_along = np.linalg.solve(root, scales * along[index][:, :, None])
             square[:, members] = remainder - (own_along**2).sum(axis=(2, 3))
             room[:, members] = -np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=2)
-        return square, self.products.room + explained.room + room
+        return square, room_of_model + room
 
     def log_weights(self, key: Key = ()) -> FloatArray:
         """Log weights ``(scales, components)`` of a model with one component more than these."""
-        log = self.log_evidence(*self.one_more(key)) + self._log_prior
-        log += self._log_causes[len(key) + 1] + sum(self._cost(*member) for member in key)
+        log = self.log_evidence(*self.one_more(key)) + self._log_prior + self._cost(key, 1)
         log[:, [member for member, _ in key]] = -math.inf
         return log
 
@@ -246,7 +238,7 @@ class ModelSelection:
         share = np.exp(logs - logs.max())
         share /= share.sum()
         entries = [
-            ModelEntry(tuple(k for k, _ in key), tuple(s for _, s in key), log)
+            ModelEntry(key, log)
             for (key, log), part in zip(weights.items(), share, strict=True)
             if part > lightest
         ]
@@ -270,70 +262,39 @@ class ModelSelection:
 
         Every pair is weighed at the scales that its own sizes suggest, the best at all scales.
         """
-        first, second, log = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)], []
-        for first_members, second_members in self._pairs_by_width():
-            index, widths = self._columns_of(first_members, second_members)
-            wide = np.full((len(first_members), 2), len(SCALES) - 1)
-            sizes = np.log(self._sizes(index, widths, wide)) / math.log(SCALES[1])
-            scale = np.clip(np.rint(sizes), 0, len(SCALES) - 1).astype(np.intp)
-            first.append(first_members)
-            second.append(second_members)
-            log.append(self._log_weights(first_members, second_members, index, widths, scale))
-        if not log:
+        narrow = [
+            (members, index) for members, index, _ in self._blocks if index.shape[1] <= NARROW
+        ]
+        grids = []
+        for (first, first_index), (second, second_index) in combinations_with_replacement(
+            narrow, 2
+        ):
+            i, j = (
+                np.triu_indices(len(first), 1)
+                if first is second
+                else np.indices((len(first), len(second))).reshape(2, -1)
+            )
+            pairs = np.column_stack([first[i], second[j]])
+            index = np.hstack([first_index[i], second_index[j]])
+            widths = first_index.shape[1], second_index.shape[1]
+            sizes = self._sizes(index, widths, np.full(pairs.shape, len(SCALES) - 1))
+            scale = np.rint(np.log(sizes) / math.log(SCALES[1]))
+            scale = np.clip(scale, 0, len(SCALES) - 1).astype(np.intp)
+            grids.append((pairs, index, widths, self._log_weights(pairs, index, widths, scale)))
+        logs = np.sort(np.concatenate([np.zeros(0), *(log for *_, log in grids)]))
+        if not len(logs):
             return {}
-        firsts, seconds, logs = np.concatenate(first), np.concatenate(second), np.concatenate(log)
-        best = np.argsort(-logs, kind="stable")[:PAIRS]
-        best = best[logs[best] > logs.max() - FAR_BEHIND]
+        least = max(logs[-PAIRS:][0], logs[-1] - FAR_BEHIND)
         weights: dict[Key, float] = {}
-        scale_pairs = np.array([(i, j) for i in range(len(SCALES)) for j in range(len(SCALES))])
-        widths_of = np.array([len(columns) for columns in self.columns])
-        shapes = np.stack([widths_of[firsts[best]], widths_of[seconds[best]]], axis=1)
-        for shape in np.unique(shapes, axis=0):
-            of_shape = best[(shapes == shape).all(axis=1)]
-            first_members, second_members = (
-                np.repeat(side[of_shape], len(scale_pairs)) for side in (firsts, seconds)
-            )
-            scale = np.tile(scale_pairs, (len(of_shape), 1))
-            index, widths = self._columns_of(first_members, second_members)
-            values = self._log_weights(first_members, second_members, index, widths, scale)
-            weighed = zip(
-                *(x.tolist() for x in (first_members, second_members, scale, values)), strict=True
-            )
-            for k, j, (a, b), value in weighed:
+        scale_pairs = np.array([*product(range(len(SCALES)), repeat=2)])
+        for pairs, index, widths, log in grids:
+            best = np.repeat(np.flatnonzero(log >= least), len(scale_pairs))
+            scale = np.resize(scale_pairs, (len(best), 2))
+            values = self._log_weights(pairs[best], index[best], widths, scale)
+            weighed = zip(pairs[best].tolist(), scale.tolist(), values.tolist(), strict=True)
+            for (k, j), (a, b), value in weighed:
                 weights[tuple(sorted(((k, SCALES[a]), (j, SCALES[b]))))] = value
         return weights
-
-    def _pairs_by_width(self) -> Iterator[tuple[IntArray, IntArray]]:
-        """All pairs of narrow components, those of equal numbers of columns together."""
-        widths = np.array([len(columns) for columns in self.columns])
-        narrow = [np.flatnonzero(widths == w) for w in np.unique(widths) if w <= NARROW]
-        for n, first_members in enumerate(narrow):
-            for second_members in narrow[n:]:
-                first, second = (
-                    grid.ravel()
-                    for grid in np.meshgrid(first_members, second_members, indexing="ij")
-                )
-                apart = (
-                    first < second
-                    if second_members is first_members
-                    else np.ones(len(first), dtype=bool)
-                )
-                if apart.any():
-                    yield first[apart], second[apart]
-
-    def _columns_of(self, first: IntArray, second: IntArray) -> tuple[IntArray, tuple[int, int]]:
-        """Columns ``(n, d)`` of each pair, and how many belong to its first and second."""
-        widths = len(self.columns[int(first[0])]), len(self.columns[int(second[0])])
-        table = self._columns_by_component
-        return np.hstack([table[first, : widths[0]], table[second, : widths[1]]]), widths
-
-    @cached_property
-    def _columns_by_component(self) -> IntArray:
-        """Columns of each component ``(k, widest)``, filled up with zeros."""
-        table = np.zeros((len(self.columns), max(map(len, self.columns))), dtype=np.intp)
-        for row, columns in zip(table, self.columns, strict=True):
-            row[: len(columns)] = columns
-        return table
 
     def _scaled(
         self, index: IntArray, widths: tuple[int, int], scale: IntArray
@@ -353,36 +314,23 @@ class ModelSelection:
         return np.asarray(np.sqrt(np.maximum(np.stack(parts, axis=1), 1e-12)))
 
     def _log_weights(
-        self,
-        first: IntArray,
-        second: IntArray,
-        index: IntArray,
-        widths: tuple[int, int],
-        scale: IntArray,
+        self, pairs: IntArray, index: IntArray, widths: tuple[int, int], scale: IntArray
     ) -> FloatArray:
-        """Log weights ``(n,)`` of pairs at these scales ``(n, 2)``."""
+        """Log weights ``(n,)`` of pairs ``(n, 2)`` at these scales ``(n, 2)``."""
         _, inner, along = self._scaled(index, widths, scale)
         root = np.linalg.cholesky(inner)
         explained = np.linalg.solve(root, along[:, :, None])[:, :, 0]
-        room = self.products.room - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+        room = -np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
         square = self.products.square - (explained**2).sum(axis=1)
-        prior = self._log_prior[scale[:, 0], first] + self._log_prior[scale[:, 1], second]
+        prior = self._log_prior[scale, pairs].sum(axis=1)
         return np.asarray(self.log_evidence(square, room) + prior + self._log_causes[2])
 
-    def _cost(self, member: int, scale: float) -> float:
-        return float(self._log_prior[SCALES.index(scale), member])
 
-
-def log_prior_odds(
-    members: Sequence[int], scales: Sequence[float], components: Sequence[Component], acting: int
-) -> float:
+def log_prior_odds(key: Key, components: Sequence[Component], acting: int) -> float:
     """Log prior of a model with these components at these scales, less that of one without any.
 
     Of effects that were adopted there are ``acting``.
     """
-    scaled = zip(members, scales, strict=True)
-    log_prior = sum(
-        components[k].log_prior + LOG_SCALES[SCALES.index(scale)] for k, scale in scaled
-    )
+    log_prior = sum(components[k].log_prior + LOG_SCALES[SCALES.index(scale)] for k, scale in key)
     causes = log_causes(acting)
-    return float(causes[len(members)] - causes[0] + log_prior)
+    return float(causes[len(key)] - causes[0] + log_prior)

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -38,22 +39,12 @@ class ToolField:
 
     ``rows`` ``(2 n_points * 3, 6 + k + 6)``: half of the postures are reached with all carriages
     coming up, half down. The last columns are shifts, mm, and turns, rad, of the machine as a
-    whole. ``starts`` ``(n_placed + 1,)`` are the columns of each of ``placed``, mm per unit.
+    whole. ``columns`` are the numbers of those of each law at a place, mm per unit.
     """
 
     geometry: Geometry
-    placed: tuple[Placed, ...]
-    starts: tuple[int, ...]
+    columns: dict[Placed, list[int]]
     rows: FloatArray
-
-    def columns_of(self, law: Placed) -> range:
-        """The columns of a law at a place."""
-        k = self._number[law]
-        return range(self.starts[k], self.starts[k + 1])
-
-    @cached_property
-    def _number(self) -> dict[Placed, int]:
-        return {law: k for k, law in enumerate(self.placed)}
 
     @cached_property
     def metrics(self) -> dict[Frame, FloatArray]:
@@ -74,7 +65,7 @@ class ToolField:
 
         Less what the frame takes up over the workspace.
         """
-        rows, free = _rows_at(self.geometry, self.placed, points_mm), self._free(frame)
+        rows, free = _rows_at(self.geometry, tuple(self.columns), points_mm), self._free(frame)
         free_parts = np.linalg.pinv(free) @ self.rows
         return np.asarray(rows - rows[..., -RIGID:][..., : FREE_IN[frame]] @ free_parts)
 
@@ -83,10 +74,9 @@ class ToolField:
 def tool_field(geometry: Geometry, placed_laws: tuple[Placed, ...]) -> ToolField:
     """The field of the nominal machine."""
     rows = _rows_at(geometry, placed_laws, workspace_points(geometry))
-    starts = np.cumsum([BASE, *(len(effect.parameters) for effect, _ in placed_laws)])
-    return ToolField(
-        geometry, placed_laws, tuple(starts.tolist()), rows.reshape(-1, rows.shape[-1])
-    )
+    numbers = iter(range(BASE, rows.shape[-1]))
+    columns = {law: [*islice(numbers, len(law[0].parameters))] for law in placed_laws}
+    return ToolField(geometry, columns, rows.reshape(-1, rows.shape[-1]))
 
 
 def _rows_at(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -107,21 +107,26 @@ class Squares:
         return np.column_stack([size + (off**2).sum(axis=0), variance])
 
 
-@dataclass(frozen=True, eq=False)
 class ToolErrors:
     """Mean squares of the tool's error over the workspace, under every model of a posterior.
 
-    ``metric`` ``(f, f)`` is that of the tool's field, in a frame.
+    ``metric`` ``(f, f)`` is that of the tool's field, in a frame; ``weight`` ``(M,)`` are those of
+    the models.
     """
 
-    models: Sequence[InField]
-    metric: FloatArray
+    def __init__(self, models: Sequence[InField], metric: FloatArray) -> None:
+        self.models, self.metric = models, metric
+        self.weight = np.array([model.weight for model in models])
+        self._unplaced_mm2 = np.array([model.unplaced_mm2 for model in models])
+        self._of_base: dict[int, list[int]] = {}
+        for k, model in enumerate(models):
+            self._of_base.setdefault(id(model.base), []).append(k)
 
     def without(self, columns: Sequence[int]) -> ToolErrors:
         """The errors where these columns of the field are known."""
         metric = self.metric.copy()
         metric[list(columns)] = metric[:, list(columns)] = 0.0
-        return replace(self, metric=metric)
+        return ToolErrors(self.models, metric)
 
     @cached_property
     def seen(self) -> ToolErrors:
@@ -136,36 +141,15 @@ class ToolErrors:
         return np.asarray(np.sqrt(square[moves])[:, None] * axes[:, moves].T)
 
     @cached_property
-    def _weight(self) -> FloatArray:
-        return np.array([model.weight for model in self.models])
-
-    @cached_property
-    def _unplaced_mm2(self) -> FloatArray:
-        return np.array([model.unplaced_mm2 for model in self.models])
-
-    @cached_property
     def _mean(self) -> FloatArray:
-        """``(f, M)``."""
-        return np.column_stack([model.mean for model in self.models])
-
-    @cached_property
-    def _mean_at_tool(self) -> FloatArray:
-        """Means along the directions that move the tool ``(q, M)``."""
-        return np.asarray(self._metric_root @ self._mean)
-
-    @cached_property
-    def _alike(self) -> list[list[int]]:
-        """Models of each base."""
-        alike: dict[int, list[int]] = {}
-        for k, model in enumerate(self.models):
-            alike.setdefault(id(model.base), []).append(k)
-        return list(alike.values())
+        """Means along these directions ``(q, M)``."""
+        return np.asarray(self._metric_root @ np.column_stack([m.mean for m in self.models]))
 
     @cached_property
     def _squares(self) -> list[tuple[list[int], Squares]]:
-        """Models of each base, and their mean squares at the tool."""
+        """Models of each base, and their mean squares along these directions."""
         squares, metric_root = [], self._metric_root
-        for alike in self._alike:
+        for alike in self._of_base.values():
             models = [self.models[k] for k in alike]
             roots = [model.root / model.inflated for model in models]
             base = metric_root @ models[0].base @ metric_root.T
@@ -178,7 +162,7 @@ class ToolErrors:
 
     def _off(self, values: FloatArray) -> FloatArray:
         """How far each mean is from these values, along these directions ``(q, M)``."""
-        return np.asarray(self._mean_at_tool - (self._metric_root @ values)[:, None])
+        return np.asarray(self._mean - (self._metric_root @ values)[:, None])
 
     def expected(self, values: FloatArray) -> FloatArray:
         """Squares ``(M,)`` of what is expected under each with these values entered."""
@@ -194,13 +178,13 @@ class ToolErrors:
             moments[alike] = squares.moments(off[:, alike])
         moments[:, 0] += self._unplaced_mm2
         moments[:, 1] += 2.0 * self._unplaced_mm2**2 / UNPLACED_FREEDOM
-        return np.column_stack([self._weight, moments])
+        return np.column_stack([self.weight, moments])
 
     def moment(self, values: FloatArray) -> FloatArray:
         """Expected products ``(f, f)`` of what is left in the field with these values entered."""
-        off = self._mean - values[:, None]
-        moment = (off * self._weight) @ off.T
-        for alike in self._alike:
+        off = np.column_stack([model.mean - values for model in self.models])
+        moment = (off * self.weight) @ off.T
+        for alike in self._of_base.values():
             inflation = sum(self.models[k].weight * self.models[k].inflated ** 2 for k in alike)
             moment += inflation * self.models[alike[0]].base
         for model in self.models:
@@ -210,7 +194,7 @@ class ToolErrors:
     @property
     def unplaced_mm2(self) -> float:
         """Expected mean square of errors that have no law."""
-        return float(self._weight @ self._unplaced_mm2)
+        return float(self.weight @ self._unplaced_mm2)
 
     def expected_mm(self, values: FloatArray) -> float:
         """Root of the expected mean square."""

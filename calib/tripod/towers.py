@@ -273,8 +273,8 @@ def entered(model: Model, entries: TowerEntries) -> EnteredTowers:
         ahead, behind = np.split(rows(np.concatenate([values + step, values - step])), 2)
         return np.asarray((ahead - behind).T / (2.0 * SLOPE_STEP))
 
-    tolerances = {"xtol": STEP, "ftol": None, "gtol": None}
-    solution = least_squares(residual, own_values, slopes, **tolerances).x
+    fit = least_squares(residual, own_values, slopes, xtol=STEP, ftol=None, gtol=None)
+    solution = np.asarray(fit.x)
     towers, change, stretch = read(solution)
     moved_mm = off_mm(solution[None], 1.0)[0, -1] - standing[1.0]
     after_mm = tool_error_mm(model, lambda tool_mm: believed_mm(solution, tool_mm))

@@ -279,9 +279,9 @@ def judged(session: Session) -> dict[str, Any]:
     truth = session.hidden.amounts
     bars_mm, bars_u = parameters_mm(answer)
     off = list((bars_mm[3:] - truth["length"]) / bars_u[3:])
-    for effect, place in answer.field.placed:
+    for effect, place in answer.field.columns:
         if effect.id == "backlash" and truth["lost"][LETTERS.index(place)]:
-            (column,) = answer.field.columns_of((effect, place))
+            (column,) = answer.field.columns[effect, place]
             off.append((mean[column] - truth["lost"][LETTERS.index(place)]) / uncertainty[column])
     mistakes = {f"{i}:{w}": p for (i, w), p in answer.mistakes.items() if p >= LISTED}
     return {
@@ -313,9 +313,9 @@ def parameters_mm(answer: Posterior) -> tuple[FloatArray, FloatArray]:
     """
     mean, covariance = in_field(answer)
     together = np.eye(6, len(mean))
-    for effect, place in answer.field.placed:
+    for effect, place in answer.field.columns:
         if effect.id == "leg_length":
-            together[3 + LETTERS.index(place), list(answer.field.columns_of((effect, place)))] = 1.0
+            together[3 + LETTERS.index(place), answer.field.columns[effect, place]] = 1.0
     return together @ mean, np.sqrt((together @ covariance @ together.T).diagonal())
 
 

@@ -65,7 +65,7 @@ def test_a_held_size_is_no_size_of_the_readings(session: Path, tmp_path: Path) -
     diagnosed = diagnose_files([session], model=model(tmp_path, held=True))
     assert diagnosed.diagnosis.missing > 0.99
     posterior = diagnosed.corrections.posterior
-    (column,) = posterior.field.columns_of((Backlash(), "z"))
+    (column,) = posterior.field.columns[Backlash(), "z"]
     assert posterior.start[column] == WRONG_MM
 
 

@@ -30,7 +30,7 @@ def adopted(session: SessionCase, *effects: EffectInstance, held: bool = False) 
 
 def value_and_deviation(posterior: Posterior, law: tuple[object, str]) -> tuple[float, float]:
     """Of the first size of a law in the tool's field, over all models."""
-    (column, *_) = posterior.field.columns_of(law)  # type: ignore[arg-type]
+    (column, *_) = posterior.field.columns[law]  # type: ignore[index]
     middle = float(posterior.mean[column])
     square = 0.0
     for model in posterior.models_in_field:
@@ -48,7 +48,7 @@ def test_a_wrong_size_of_the_model_is_found_again(observations: object) -> None:
     assert diagnosis.verdict == "agrees"
     assert diagnosis.gap_before.p_value > 0.01
     entry = correction(free, "play")
-    (column,) = free.field.columns_of((PLAY, "z"))
+    (column,) = free.field.columns[PLAY, "z"]
     middle_mm, u_mm = value_and_deviation(free, (PLAY, "z"))
     assert entry.off.values[column] == pytest.approx(middle_mm, abs=u_mm)
     assert abs(entry.off.values[column] - 0.05) < 4.0 * u_mm
@@ -111,7 +111,7 @@ def test_sizes_of_held_out_sessions_are_those_of_the_others() -> None:
 def test_a_held_size_stays_and_what_it_lacks_is_missing() -> None:
     session = case(SWEEP, EffectInstance(PLAY, "z", (0.05,)), seed=4)
     constant = posterior([adopted(session, EffectInstance(PLAY, "z", (0.03,)), held=True)])
-    (column,) = constant.field.columns_of((PLAY, "z"))
+    (column,) = constant.field.columns[PLAY, "z"]
     assert constant.start[column] == pytest.approx(0.03)
     diagnosis = diagnosis_of(constant)
     assert diagnosis.missing > 0.99

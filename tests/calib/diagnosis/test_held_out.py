@@ -91,7 +91,7 @@ def test_what_is_missed_is_that_of_a_refit_without_the_rows(
     names = [k for k, component in enumerate(result.components) if component.kind in NAMES]
     models: list[Model] = [((k, scale),) for k in names for scale in SCALES]
     models += [
-        tuple(zip(model.members, model.scales, strict=True))
+        model.key
         for model in result.models
         if len(model.members) > 1 and not model.mistakes and {*model.members} <= {*names}
     ]

@@ -134,7 +134,7 @@ def identify_many(
     observations: Observations, free: tuple[int, ...], values: FloatArray
 ) -> FloatArray:
     """Free parameters ``(k, sessions)``, NaN where a session has no optimum."""
-    optimum = PlainFit.of(Model(), observations, free, observations.averaged).solve(values)
+    optimum = PlainFit(Model(), observations, free, observations.averaged).solve(values)
     return np.where(optimum.converged, optimum.values, np.nan)
 
 

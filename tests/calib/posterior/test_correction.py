@@ -117,7 +117,7 @@ def test_play_that_is_likelier_not_there_is_entered_for_a_large_gain_alone(
 
     play = next(model for model in unsure.models if members(model) == [("backlash", "x")])
     base = len(play.base)
-    plain = replace(play, members=(), scales=(), mean=play.mean[:base], sizes=play.sizes[:base])
+    plain = replace(play, key=(), mean=play.mean[:base], sizes=play.sizes[:base])
     models = (replace(plain, weight=1.0 - weight), replace(play, weight=weight))
     entry = correction(replace(unsure, models=models), "play")
     assert [part.part for part in entry.left_out] == ([] if entered else ["play"])
@@ -146,7 +146,7 @@ def test_travel_by_any_power_of_it_is_entered_as_tables() -> None:
     tables = dict(parts_of(result, "kinematics")["tables"])
     columns = tables["table of x"]
     for name in POWERS:
-        assert set(result.field.columns_of((Empirical((name,)), "x"))) <= set(columns)
+        assert set(result.field.columns[Empirical((name,)), "x"]) <= set(columns)
 
 
 @pytest.mark.parametrize("law", first_quick(["axis_offset", "straightness"]))

@@ -78,7 +78,7 @@ def test_parts_that_a_controller_does_not_take_are_left_out_with_the_reason(
     assert "worn" in [
         omission.reason for omission in entry.left_out if omission.part == "play of y"
     ]
-    assert entry.off.values[list(plain.field.columns_of((Backlash(), "y")))] == pytest.approx([0.0])
+    assert entry.off.values[plain.field.columns[Backlash(), "y"]] == pytest.approx([0.0])
     tables = correction(plain, "tables", absent={"table": "no tables here", "play": "no play"})
     reasons = {omission.part: omission.reason for omission in tables.left_out}
     assert {reasons[f"table of {leg}"] for leg in "xyz"} == {"no tables here"}
@@ -102,13 +102,11 @@ def test_an_effect_that_the_model_has_is_entered_as_far_as_it_can_be(
 ) -> None:
     """The same values whether the play is found or known: it is entered once."""
     with_adopted = posterior([case(PLAY, in_model=(PLAY,))])
-    assert with_adopted.start[
-        list(with_adopted.field.columns_of((Backlash(), "y")))
-    ] == pytest.approx([0.06])
+    assert with_adopted.start[with_adopted.field.columns[Backlash(), "y"]] == pytest.approx([0.06])
     entries = correction(with_adopted, holds), correction(plain, holds)
     assert entries[0].off.values[:3] == pytest.approx(entries[1].off.values[:3], abs=0.003)
     play = [
-        entry.off.values[list(result.field.columns_of((Backlash(), "y")))]
+        entry.off.values[result.field.columns[Backlash(), "y"]]
         for entry, result in zip(entries, (with_adopted, plain), strict=True)
     ]
     assert play[0] == pytest.approx(play[1], abs=0.003)
@@ -118,7 +116,7 @@ def test_a_lead_that_no_library_has_is_known_of_a_model() -> None:
     odd = EffectInstance(ActuatorCyclic(7.3), "x", (12.0, 0.0))
     with_adopted = posterior([case(odd, in_model=(odd,))])
     entry = correction(with_adopted, "tables")
-    column = entry.off.values[list(with_adopted.field.columns_of((ActuatorCyclic(7.3), "x")))]
+    column = entry.off.values[with_adopted.field.columns[ActuatorCyclic(7.3), "x"]]
     assert column == pytest.approx([12.0, 0.0], abs=0.5)
 
 

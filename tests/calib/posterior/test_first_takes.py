@@ -59,7 +59,7 @@ def test_a_first_take_within_a_play_is_named_and_the_play_keeps_its_size(
     where = "all" if all(shares) else "y"
     assert answer.mistakes["first_take", where] > 0.5
     assert answer.places["backlash", "x"] > 0.9
-    (column,) = answer.field.columns_of((Backlash(), "x"))
+    (column,) = answer.field.columns[Backlash(), "x"]
     size_mm = answer.mean[column]
     square = sum(
         model.weight

@@ -91,7 +91,7 @@ class Dense:
         for k in (*model.everywhere, *model.members):
             for share in result.components[k].shares:
                 for column, value in zip(
-                    result.field.columns_of((share.effect, share.place)), share.values, strict=True
+                    result.field.columns[share.effect, share.place], share.values, strict=True
                 ):
                     into[column, begin + value] += 1.0
             begin += len(result.components[k].unit)
@@ -115,12 +115,12 @@ class Known:
     @classmethod
     def of(cls, result: Posterior) -> Known:
         """The heaviest models whose members are laws."""
-        forecast = Forecast.of(result, FRAME, OFFSETS)
+        forecast = Forecast(result, FRAME, OFFSETS)
         (readings,) = forecast.readings([TAKEN])
         after = {
             forecast.numbers.tolist()[k]: (updated, j)
             for group in forecast.groups
-            for updated in [group.updated(readings, forecast.followed)]
+            for updated in [UpdatedGroup(group, readings, forecast.followed)]
             for j, k in enumerate(group.rows.tolist())
         }
         order = np.argsort([-model.weight for model in result.models]).tolist()
@@ -191,7 +191,7 @@ def test_models_are_apart_by_what_each_leaves_of_the_others_readings(both_ways: 
 
 
 def test_nothing_read_changes_nothing(unsure: Posterior) -> None:
-    forecast = Forecast.of(unsure, FRAME, OFFSETS)
+    forecast = Forecast(unsure, FRAME, OFFSETS)
     there = set_up(0, 0.5, (0.0,), 1, 20.0)  # one posture: its zero takes it
     (readings,) = forecast.readings([there])
     assert forecast.after_mm(readings) == pytest.approx(forecast.now_mm, rel=1e-6)
@@ -215,14 +215,14 @@ def test_each_model_expects_the_readings_of_its_own_machine(
 ) -> None:
     """Also of noise that repeats share, and of models that are linear about the session's fit."""
     unsure: Posterior = request.getfixturevalue(name)
-    forecast = Forecast.of(unsure, FRAME, OFFSETS)
+    forecast = Forecast(unsure, FRAME, OFFSETS)
     vars(forecast)["noise_mm2"] = forecast.noise_mm2[0], shared_mm2
     (readings,) = forecast.readings([TAKEN])
     inverse, cells = without_zeros(forecast), np.unique(TAKEN.cell, return_index=True)[1]
     linear = {
         k: updated.expected[:, j]
         for group in forecast.groups
-        for updated in [group.updated(readings, forecast.followed)]
+        for updated in [UpdatedGroup(group, readings, forecast.followed)]
         for j, k in enumerate(group.rows.tolist())
         if k not in forecast.followed
     }
@@ -242,10 +242,10 @@ def test_each_model_expects_the_readings_of_its_own_machine(
 
 def test_readings_that_separate_names_lower_the_bound(unsure: Posterior) -> None:
     """What is true gains weight, whichever of the open names it is."""
-    forecast = Forecast.of(unsure, FRAME, OFFSETS)
+    forecast = Forecast(unsure, FRAME, OFFSETS)
     (readings,) = forecast.readings([TAKEN])
     assert forecast.after_mm(readings) < 0.9 * forecast.now_mm
-    updated = [group.updated(readings, forecast.followed) for group in forecast.groups]
+    updated = [UpdatedGroup(group, readings, forecast.followed) for group in forecast.groups]
     for true in updated:
         for j, k in enumerate(true.group.rows.tolist()):
             weight = forecast.weight_if(updated, true, j)

@@ -15,7 +15,7 @@ from calib.posterior.labels import MovedReadings
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
 from calib.posterior.problem import PosteriorProblem
-from calib.posterior.screening import Screen, even_mm
+from calib.posterior.screening import Screen
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
@@ -185,7 +185,7 @@ def test_the_single_readings_that_are_tried_are_those_whose_omission_leaves_leas
     session = case(SWEEP, seed=3)
     value = session.observations.value_mm + np.random.default_rng(3).normal(0.0, 0.02, len(SWEEP))
     cells = Cells.of(with_values(session, value))
-    screen = Screen.of(cells, np.zeros((len(cells.means), 0)), even_mm(cells))
+    screen = Screen(cells)
     count = len(cells.visits)
     without_one = []
     for row in range(count):
@@ -204,8 +204,8 @@ def test_exchanges_beside_one_name_are_those_that_leave_the_plain_fit_least() ->
     """Of all of them, one by one by least squares."""
     session = case(SWEEP, EffectInstance(Backlash(), "y", (0.04,)), seed=4)
     cells = Cells.of(session)
-    screen = Screen.of(cells, np.zeros((len(cells.means), 0)), even_mm(cells))
-    moved, log_weights = MovedReadings.of(screen), []
+    screen = Screen(cells)
+    moved, log_weights = MovedReadings(screen), []
 
     def with_one_name(change_mm: FloatArray) -> FloatArray:
         log_weights.append(change_mm)
@@ -231,12 +231,12 @@ def test_exchanges_beside_one_name_are_those_that_leave_the_plain_fit_least() ->
 
 def test_beside_a_mistake_stands_nothing_or_names_and_alone_one_name() -> None:
     session = case(SWEEP, EffectInstance(Backlash(), "y", (0.04,)), seed=4)
-    result = PosteriorProblem.of((Cells.of(session),), CATALOGUE).solved()
-    plain, *heaviest = result.beside(0, alone=False)
-    assert plain.columns.shape[1] == 0
+    problem = PosteriorProblem((Cells.of(session),), CATALOGUE)
+    plain, *heaviest = problem.rivals(0, alone=False)
+    assert plain[1].shape[1] == 0
     assert heaviest
-    assert all(model.columns.shape[1] for model in heaviest)
-    assert min(model.log_weight for model in heaviest) > plain.log_weight
-    alone = result.beside(0, alone=True)
+    assert all(columns.shape[1] for _, columns in heaviest)
+    assert min(log_weight for log_weight, _ in heaviest) > plain[0]
+    alone = problem.rivals(0, alone=True)
     assert alone
-    assert all(model.columns.shape[1] for model in alone)
+    assert all(columns.shape[1] for _, columns in alone)

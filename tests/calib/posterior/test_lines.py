@@ -23,6 +23,7 @@ from calib.posterior.posterior import posterior
 from calib.posterior.problem import PosteriorProblem
 from calib.posterior.readings import LENGTHS
 from calib.posterior.statements import AS_STATED, NOTHING, Statement
+from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.drives import (
     ActuatorScale,
     AxisDistance,
@@ -219,7 +220,7 @@ def test_ways_are_weighed_with_what_their_freedom_costs() -> None:
     session, _ = of_lines(1)
     for statement in AS_STATED:
         cells = Cells.of(replace(session, as_stated=statement))
-        problem = PosteriorProblem.of((cells,), None)
+        problem = PosteriorProblem((cells,), CATALOGUE)
         columns = problem.rows.base * problem.rows.spread
         blocks = [columns[:, LENGTHS:], columns[:, :LENGTHS], problem.base[:, columns.shape[1] :]]
         cost = -0.5 * (_log_determinant(np.hstack(blocks)) - _log_determinant(blocks[0]))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.arrays import FloatArray
-from calib.posterior.mixture import ExpectedReadings, Group
+from calib.posterior.mixture import ExpectedReadings, Group, UpdatedGroup
 from calib.posterior.tool_errors import InField
 
 FIELD, READINGS, SHOWN = 7, 5, 4
@@ -37,7 +37,7 @@ def group_of(
         models.append(Drawn(mean, inflated * sizes, inflated, base))
     tool = np.random.default_rng(99).normal(size=(2 * SHOWN, FIELD))
     fields: list[InField] = models  # type: ignore[assignment]
-    return Group.of(rows, fields, size_mm, ABOUT, tool), models
+    return Group(rows, fields, size_mm, ABOUT, tool), models
 
 
 class Dense:
@@ -82,7 +82,7 @@ def test_groups_of_models_are_those_of_dense_matrices(seed: int) -> None:
         group_of(generator, [0, 3, 4], [2, 1, 0], 0.0),
         group_of(generator, [1, 2], [1, 3], 0.7),
     ]
-    updated = [group.updated(readings, followed) for group, _ in groups]
+    updated = [UpdatedGroup(group, readings, followed) for group, _ in groups]
     dense = [
         [Dense(group, model, j, readings, followed) for j, model in enumerate(models)]
         for group, models in groups
@@ -133,8 +133,8 @@ def test_set_ups_together_are_read_one_after_the_other() -> None:
         for n in (3, 2)
     ]
     both = ExpectedReadings.together(parts)
-    update = group.updated(both, [0])
-    first = group.updated(replace(both, own=np.zeros((5, 0))), [0])
+    update = UpdatedGroup(group, both, [0])
+    first = UpdatedGroup(group, replace(both, own=np.zeros((5, 0))), [0])
     noise = update.lower @ update.lower.T - first.lower @ first.lower.T
     own = [0.25 * part.own @ part.own.T for part in parts]
     assert noise[:3, :3] == pytest.approx(own[0])

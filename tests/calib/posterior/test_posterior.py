@@ -29,7 +29,7 @@ def dense(result: Posterior, model: WeightedModel) -> tuple[FloatArray, FloatArr
     values = model.mean
     effects = [
         (result.components[k].candidate, scale * result.components[k].unit)
-        for k, scale in zip(model.members, model.scales, strict=True)
+        for k, scale in model.key
     ]
     everywhere = [
         (result.components[k].candidate, EVERYWHERE * result.components[k].unit)

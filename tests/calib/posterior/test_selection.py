@@ -36,7 +36,7 @@ def selection_of(
     design: FloatArray, y: FloatArray, columns: Sequence[IntArray], freedom: float
 ) -> ModelSelection:
     prior = np.log(np.arange(1.0, len(columns) + 1.0) / 20.0)
-    products = Products(design.T @ design, design.T @ y, float(y @ y))
+    products = Products.of(design, y)
     return ModelSelection(products, columns, prior, len(y), freedom)
 
 
@@ -73,8 +73,7 @@ def weights_of(selection: ModelSelection) -> Weights:
     largest = max(entry.log_weight for entry in entries)
     shares = [math.exp(entry.log_weight - largest) for entry in entries]
     return {
-        tuple(zip(entry.members, entry.scales, strict=True)): share / math.fsum(shares)
-        for entry, share in zip(entries, shares, strict=True)
+        entry.key: share / math.fsum(shares) for entry, share in zip(entries, shares, strict=True)
     }
 
 

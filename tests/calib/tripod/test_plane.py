@@ -295,7 +295,7 @@ def test_intervals_hold_the_truth() -> None:
         + over * 1e-3 * generator.normal(size=(conditions.mount_count, 300))[conditions.mount]
     )
     values = values + SIGMA_MM * generator.normal(size=values.shape)
-    optimum = PlainFit.of(Model(), conditions, tuple(range(6)), weight).solve(values)
+    optimum = PlainFit(Model(), conditions, tuple(range(6)), weight).solve(values)
     assert optimum.converged.all()
     stated = identify(
         Model(),

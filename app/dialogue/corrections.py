@@ -101,7 +101,7 @@ class CorrectionDialogue:
         if mover and mover.unproved and (question := mover.unproved.question):
             answer = await self.person.choice(question, motion.SAW_CHOICES)
             if answer is not None:
-                self.guided.answer_proof(yes=answer == "yes")
+                self.guided.note(*mover.answer_proof(yes=answer == "yes"))
         return False
 
     async def homing(self) -> bool:

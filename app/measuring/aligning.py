@@ -17,6 +17,7 @@ from calib.tripod.alignment import (
     shims,
     slope_at_zero_mm,
 )
+from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
 from drivers.profile import IndicatorReading
 from protocols.machine import Machine
@@ -52,17 +53,12 @@ class RailAlignment:
 
 def align_session(session: Session, reference: Leg) -> RailAlignment:
     """Raises UsageError where legs cannot be read, NotIdentifiable and RecordError."""
-    machine = session.opened.machine
-    drive = ALL_AXES.index(reference)
-    alignment_found = alignment(
-        machine.geometry(),
-        to_observations([session]),
-        machine.tolerances_mm(),
-        indicator_figures([session]),
-        drive,
-    )
-    moves = shims(alignment_found, drive, machine.rails_rest_mm())
-    return RailAlignment(machine, reference, alignment_found, tuple(moves))
+    machine, drive = session.opened.machine, ALL_AXES.index(reference)
+    readings, figures = to_observations([session]), indicator_figures([session])
+    tolerances_mm = machine.tolerances_mm()
+    rails = alignment(machine.geometry(), readings, tolerances_mm, figures, drive)
+    moves = shims(rails, drive, machine.rails_rest_mm())
+    return RailAlignment(machine, reference, rails, tuple(moves))
 
 
 def check_procedure(procedure: Procedure, machine: Machine, reference: Leg) -> None:
@@ -98,9 +94,13 @@ class Round:
     chosen: int = 0
     _start_mm: float = 0.0
 
+    @property
+    def _geometry(self) -> Geometry:
+        return self.aligned.machine.geometry()
+
     def station(self, shim: Shim) -> float:
         """Where on the bar the indicator watches."""
-        return min(WATCHED, self.aligned.machine.geometry().usable_bar[shim.rail][1])
+        return min(WATCHED, self._geometry.usable_bar[shim.rail][1])
 
     def watch_step(self, shim: Shim) -> Step:
         """The set-up that watches a screw, at Zero. Raises UsageError where no indicator may."""
@@ -116,7 +116,7 @@ class Round:
 
     def watchable(self, shim: Shim) -> bool:
         """Whether a turn of this screw shows on the leg at Zero."""
-        return abs(shim.shown(self.aligned.machine.geometry(), self.station(shim))) > LEAST_SHOWN
+        return abs(shim.shown(self._geometry, self.station(shim))) > LEAST_SHOWN
 
     @property
     def shim(self) -> Shim:
@@ -165,9 +165,7 @@ class Round:
         value, shim = self._value(self.watching), self.aligned.shims[self.watching]
         if value is None:
             return None
-        return (value - self._start_mm) / shim.shown(
-            self.aligned.machine.geometry(), self.station(shim)
-        )
+        return (value - self._start_mm) / shim.shown(self._geometry, self.station(shim))
 
     def slope_mm(self, number: int) -> float:
         """Leg parallelism at Zero: how much further along the axis the foot is than the tool.
@@ -175,14 +173,14 @@ class Round:
         As the session found it, and as the ends of this rail have moved since.
         """
         shim = self.aligned.shims[number]
-        moved = {**self.moved_mm} | (
-            {} if self.watching is None else {self.watching: self.live_mm()}
-        )
+        moved_mm = dict(self.moved_mm)
+        if self.watching is not None:
+            moved_mm[self.watching] = self.live_mm()
         way = slope_at_zero_mm(self.aligned.alignment.model, shim.rail, shim.towards)
-        for k, mm in moved.items():
+        for k, mm in moved_mm.items():
             opposite = self.aligned.shims[k]
             if (opposite.rail, opposite.towards) == (shim.rail, shim.towards) and mm is not None:
-                way += mm * opposite.shown(self.aligned.machine.geometry(), 1.0)
+                way += mm * opposite.shown(self._geometry, 1.0)
         return way
 
     def done(self, *, watched: bool) -> Changed:

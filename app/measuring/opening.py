@@ -75,13 +75,6 @@ def open_indicators(plan: Plan) -> Indicators:
     return Indicators(gauges, mover=mover)
 
 
-def first_step(plan: Plan) -> Step | None:
-    """The step that is measured first. Raises RecordError or UsageError."""
-    if plan.continued:
-        return read_record(plan.path).session.next_step()
-    return plan.procedure.steps(plan.machine.geometry(), plan.axes)[0]
-
-
 def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
     """Start the record of a plan, or go on with it. Raises RecordError or UsageError."""
     if plan.continued:
@@ -127,9 +120,13 @@ class PlanCheck:
 
     def find_spindles(self) -> None:
         """The indicators are open. Raises RecordError or UsageError where no step follows."""
-        if not self.plan.simulated:  # no hand can push those spindles
-            self.first = first_step(self.plan)
-            self.spindles = SpindleCheck(self.plan.instruments)
+        if (plan := self.plan).simulated:  # no hand can push those spindles
+            return
+        if plan.continued:
+            self.first = read_record(plan.path).session.next_step()
+        else:
+            self.first = plan.procedure.steps(plan.machine.geometry(), plan.axes)[0]
+        self.spindles = SpindleCheck(plan.instruments)
 
     def fits(self, answer: str, *, opened: bool) -> bool:
         """Whether to begin, try again, choose another port, or exchange both: another one moved."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, count
 from pathlib import Path
 
 from app.measuring.doubts import Doubt, TakenStep, examined, plausible
@@ -120,16 +121,6 @@ class GuidedSession:
             elif self._go is not None:
                 self._go(step)
 
-    def follow_proof(self) -> None:
-        """Go on with a proof of the machine that is under way; what it finds is noted."""
-        if self.mover is not None:
-            self.note(*self.mover.watch())
-
-    def answer_proof(self, *, yes: bool) -> None:
-        """What the operator saw of a carriage that indicators cannot tell."""
-        if self.mover is not None:
-            self.note(*self.mover.answer_proof(yes=yes))
-
     def take(self) -> TakenStep | None:
         """Read every indicator of the present step and write the readings to the disk.
 
@@ -168,16 +159,19 @@ class GuidedSession:
             for number, axis, query in zip(step.indicators, step.axes, queries, strict=True)
         ]
         moved = self._where(step)  # as before the question
-        faults, failed = [], []
-        for number, axis, outcome in zip(step.indicators, step.axes, outcomes, strict=True):
-            if isinstance(outcome, Fault):
-                message = f"{self.name_of(number)}: {outcome.words}"
-                faults.append(replace(outcome, words=message))
-                kind, text = outcome.kind, outcome.text
-                failed.append(Faulted(step=step.number, axis=axis, kind=kind, text=text))
+        faults = {
+            axis: replace(outcome, words=f"{self.name_of(number)}: {outcome.words}")
+            for number, axis, outcome in zip(step.indicators, step.axes, outcomes, strict=True)
+            if isinstance(outcome, Fault)
+        }
         if faults:
-            self._append(failed)
-            return TakenStep(step, (), tuple(faults))
+            self._append(
+                [
+                    Faulted(step=step.number, axis=axis, kind=fault.kind, text=fault.text)
+                    for axis, fault in faults.items()
+                ]
+            )
+            return TakenStep(step, (), tuple(faults.values()))
         mounted = [self._new_mounting(step)] if self.session.needs_new_zero(step) else []
         mounts = (mounted or self.session.mountings)[-1].mounts
         readings = self._readings(step, outcomes, mounts, moved)
@@ -461,11 +455,9 @@ class GuidedSession:
         names = {name for mounted in self.session.mountings for name in mounted.mounts.values()}
         mounts: dict[Leg, str] = {}
         for axis in step.axes:
-            base = name = default_mount(step.leg, axis, step.place[1])
-            number = 2
-            while name in names:
-                name, number = f"{base}#{number}", number + 1
-            mounts[axis] = name
+            usual = default_mount(step.leg, axis, step.place[1])
+            numbered = chain([usual], (f"{usual}#{number}" for number in count(2)))
+            mounts[axis] = next(name for name in numbered if name not in names)
         over = step.over_plane or None
         return Mounted(leg=step.leg, station=step.station, mounts=mounts, over_plane=over)
 

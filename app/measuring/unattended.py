@@ -122,7 +122,7 @@ def _go(
             return
         proof = mover.unproved
         if proof is not None and proof.question:
-            guided.answer_proof(yes=saw(proof.question))
+            guided.note(*mover.answer_proof(yes=saw(proof.question)))
         if proof is not None and proof.wrong:
             raise _not_proved(proof)
         if (fault_words := lost_words(guided)) is not None:
@@ -160,7 +160,7 @@ def _wait(guided: GuidedSession, mover: Mover) -> None:
     silences = set[str | None]()
     while True:
         mover.line.alive()
-        guided.follow_proof()
+        guided.note(*mover.watch())
         silences.add(lost_words(guided))
         if mover.proving:
             release_lost(guided)

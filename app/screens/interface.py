@@ -447,11 +447,8 @@ class Glidecal(App[str]):
         markup: bool = True,
     ) -> None:
         """Show a message in the line that the screen has for it; nothing lies over a table."""
-        stack = reversed(self.screen_stack)
-        screen = next(
-            (screen_above for screen_above in stack if not isinstance(screen_above, ModalScreen)),
-            None,
-        )
+        screens = [place for place in self.screen_stack if not isinstance(place, ModalScreen)]
+        screen = screens[-1] if screens else None
         if self._early is not None:
             self._early.stop()  # or it would speak behind these, which are newer
         if screen is not None and not screen.is_mounted:

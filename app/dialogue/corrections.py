@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from app.dialogue.person import Person
+from app.measuring.gauges import LostIndicators
 from app.measuring.indicators import ports_to_choose
-from app.measuring.lost import LostIndicators
 from app.measuring.session import GuidedSession
 from app.report.text import motion, questions
 from app.report.text import session as texts

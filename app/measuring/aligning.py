@@ -91,7 +91,7 @@ class Round:
     aligned: RailAlignment
     moved_mm: dict[int, float | None] = field(default_factory=dict)
     watching: int | None = None
-    chosen: int = 0
+    number: int = 0
     _start_mm: float = 0.0
 
     @property
@@ -121,11 +121,11 @@ class Round:
     @property
     def shim(self) -> Shim:
         """The chosen screw."""
-        return self.aligned.shims[self.chosen]
+        return self.aligned.shims[self.number]
 
     def choose(self, by: int) -> Step:
         """So many screws on; tells a simulated machine to stand there. Raises as `watch_step`."""
-        self.chosen = (self.chosen + by) % len(self.aligned.shims)
+        self.number = (self.number + by) % len(self.aligned.shims)
         step = self.watch_step(self.shim)
         self.guided.watch(step)
         return step
@@ -134,9 +134,9 @@ class Round:
         """Begin to watch the chosen screw, or why not. Raises as `watch_step`, and RecordError."""
         if not self.watchable(self.shim):
             return Watch.BLIND
-        if self.chosen in self.moved_mm:
+        if self.number in self.moved_mm:
             return Watch.DONE
-        return Watch.BEGUN if self.start(self.chosen) else Watch.NO_NUMBER
+        return Watch.BEGUN if self.start(self.number) else Watch.NO_NUMBER
 
     def turn(self, way: int) -> bool:
         """Turn the chosen screw of a simulated machine by a key; not before it is watched."""

@@ -79,8 +79,8 @@ class PostureTaking:
     def begin(path: Path, opened: PosturesOpened) -> PostureTaking:
         """A new record. Raises RecordError for its place, or a posture that cannot be."""
         targets = commanded(opened)
-        whole = opened.model_copy(update={"procedure": targets.procedure})
-        return PostureTaking(Journal.create(path, whole, POSTURE_FORM), targets)
+        first_line = opened.model_copy(update={"procedure": targets.procedure})
+        return PostureTaking(Journal.create(path, first_line, POSTURE_FORM), targets)
 
     @staticmethod
     def resume(path: Path) -> PostureTaking:
@@ -264,9 +264,9 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
     line, reading, departure = gross[0]
     column, value_words = _cell(session, reading, departure)
     subject = f"table {path}, line {line}, column {column}"
-    allowed = "sliders of a posture that the machine file has"
+    possible = "sliders of a posture that the machine file has"
     if departure is not None:
-        allowed = f"what the machine file and its tolerances allow ({departed(departure)})"
+        possible = f"what the machine file and its tolerances allow ({departed(departure)})"
     frame = None
     if len(gross) > 1 and all(way is not None for _, _, way in gross):
         frame = other_frame(session.measurements().readings(), machine.whole())
@@ -279,7 +279,7 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
         next_step = f"As if: {'; '.join(ways)}."
     if len(gross) > 1:
         next_step += f" {len(gross)} of {len(session.readings)} rows are like that."
-    raise RecordError(subject, value_words, allowed, next_step)
+    raise RecordError(subject, value_words, possible, next_step)
 
 
 def _of_another_frame(subject: str, frame: OtherFrame, count: int) -> RecordError:

@@ -84,8 +84,8 @@ def indicator_of(form: Mapping[str, object]) -> Instrument:
         instrument = Instrument.model_validate_json(json.dumps(fields))
     except ValidationError as problem:
         name = str(problem.errors()[0]["loc"][0])
-        allowed = FORM_ALLOWED.get(name, describe(problem))
-        raise UsageError(name.replace("_", " "), repr(fields.get(name))[:60], allowed) from problem
+        rule = FORM_ALLOWED.get(name, describe(problem))
+        raise UsageError(name.replace("_", " "), repr(fields.get(name))[:60], rule) from problem
     check_port(instrument.port)
     return instrument
 

@@ -28,12 +28,11 @@ from protocols.session import Moved
 
 @dataclass(frozen=True)
 class Ways:
-    """All ways of a procedure, and what they come to."""
+    """All ways of a procedure, and what they come to; rests at the steps are in the duration."""
 
     steps: tuple[Step, ...]
     longest_mm: float
-    moving_s: float
-    resting_s: float
+    duration_s: float
 
 
 def limits_of(machine: Machine) -> Limits:
@@ -68,13 +67,14 @@ def ways_of(procedure: Procedure, machine: Machine, axes: Sequence[str]) -> Ways
     moves = moves_mm(ways)
     longest = max(moves, default=0.0)
     if longest > limits.longest_mm:
-        thing = f"longest move of {procedure.name}"
-        allowed = f"{limits.longest_mm:g} mm, longest_mm under [motion] in the machine file"
-        raise MotionError(thing, f"{longest:.1f} mm", allowed, "Nothing was sent.")
-    moving_s = sum(moves) / feed_mm_min(machine) * 60.0
-    return Ways(
-        tuple(step for step, _ in step_ways), longest, moving_s, procedure.window_s * len(ways)
-    )
+        raise MotionError(
+            f"longest move of {procedure.name}",
+            f"{longest:.1f} mm",
+            f"{limits.longest_mm:g} mm, longest_mm under [motion] in the machine file",
+            "Nothing was sent.",
+        )
+    duration_s = sum(moves) / feed_mm_min(machine) * 60.0 + procedure.window_s * len(ways)
+    return Ways(tuple(step for step, _ in step_ways), longest, duration_s)
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ class Preparation:
 
     ``source`` says where these were proposed from: "file", "last", or "" where they were chosen.
     ``fields`` are texts that follow from what was typed; its ``problem`` is that of the machine,
-    ``forgotten`` why nothing is known of what was used last. ``answered`` tells which profiles fit
+    ``forgotten`` why nothing is known of what was used last. ``answers`` tell which profiles fit
     at a port.
     """
 
@@ -57,7 +57,7 @@ class Preparation:
     fields: dict[str, str] = field(default_factory=dict)
     problem: GlidecalError | None = None
     forgotten: GlidecalError | None = None
-    answered: dict[str, str] = field(default_factory=dict)
+    answers: dict[str, str] = field(default_factory=dict)
     offered_for: Machine = field(default_factory=lambda: load_machine(None))
     _proposed_for: Machine | None = None
     _usual: str | None = None

@@ -159,19 +159,16 @@ class GuidedSession:
             for number, axis, query in zip(step.indicators, step.axes, queries, strict=True)
         ]
         moved = self._where(step)  # as before the question
-        faults = {
-            axis: replace(outcome, words=f"{self.name_of(number)}: {outcome.words}")
-            for number, axis, outcome in zip(step.indicators, step.axes, outcomes, strict=True)
-            if isinstance(outcome, Fault)
-        }
+        faults, failed = [], []
+        for number, axis, outcome in zip(step.indicators, step.axes, outcomes, strict=True):
+            if isinstance(outcome, Fault):
+                message = f"{self.name_of(number)}: {outcome.words}"
+                faults.append(replace(outcome, words=message))
+                kind, text = outcome.kind, outcome.text
+                failed.append(Faulted(step=step.number, axis=axis, kind=kind, text=text))
         if faults:
-            self._append(
-                [
-                    Faulted(step=step.number, axis=axis, kind=fault.kind, text=fault.text)
-                    for axis, fault in faults.items()
-                ]
-            )
-            return TakenStep(step, (), tuple(faults.values()))
+            self._append(failed)
+            return TakenStep(step, (), tuple(faults))
         mounted = [self._new_mounting(step)] if self.session.needs_new_zero(step) else []
         mounts = (mounted or self.session.mountings)[-1].mounts
         readings = self._readings(step, outcomes, mounts, moved)
@@ -227,9 +224,8 @@ class GuidedSession:
 
     def keep(self, step_taken: TakenStep, reason: str) -> None:
         """Questioned readings count after all."""
-        with self._lock:
-            numbers = tuple(r.reading for r in step_taken.questioned)
-            self._append([Restored(readings=numbers, reason=reason)])
+        numbers = tuple(r.reading for r in step_taken.questioned)
+        self._append([Restored(readings=numbers, reason=reason)])
 
     def answer(self, answer: str, step_taken: TakenStep, reason: str) -> tuple[int, ...]:
         """What the operator says to readings in question; only "keep" lets them count.
@@ -248,12 +244,12 @@ class GuidedSession:
         """The new readings are right, the earlier ones wrong: their step becomes the next one."""
         if step_taken.doubt is Doubt.ODD:  # they count no more as it is
             return
-        with self._lock:
-            latest, earlier = (
-                [r.reading for r in g] for g in (step_taken.readings, step_taken.earlier)
-            )
-            right = Restored(readings=tuple(latest), reason=reason)
-            self._append([right, Superseded(readings=tuple(earlier), reason=reason)])
+        latest, earlier = (
+            tuple(r.reading for r in readings)
+            for readings in (step_taken.readings, step_taken.earlier)
+        )
+        right = Restored(readings=latest, reason=reason)
+        self._append([right, Superseded(readings=earlier, reason=reason)])
 
     @property
     def last_step(self) -> int | None:
@@ -386,8 +382,7 @@ class GuidedSession:
 
     def change(self, change: Changed) -> None:
         """Parts of the machine were moved: every step is measured again, on new set-ups."""
-        with self._lock:
-            self._append([change])
+        self._append([change])
 
     def watch(self, step: Step) -> None:
         """Tell a simulated machine to stand as for this set-up, which is no step of its own."""
@@ -411,8 +406,7 @@ class GuidedSession:
     def note(self, *texts: str) -> None:
         """Remarks for the record."""
         if texts:
-            with self._lock:
-                self._append([Noted(text=text) for text in texts])
+            self._append([Noted(text=text) for text in texts])
 
     def finish(self) -> None:
         """Close the record: complete if every step is done. Raises RecordError."""
@@ -448,8 +442,9 @@ class GuidedSession:
         self.leave()
 
     def _append(self, events: Sequence[Line]) -> None:
-        self._journal.append(*events)
-        self.session = fold(self._journal.events)
+        with self._lock:
+            self._journal.append(*events)
+            self.session = fold(self._journal.events)
 
     def _new_mounting(self, step: Step) -> Mounted:
         names = {name for mounted in self.session.mountings for name in mounted.mounts.values()}

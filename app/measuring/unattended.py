@@ -194,9 +194,9 @@ def _indicators_back(guided: GuidedSession, fault_words: str) -> None:
     for number, gauge in enumerate(guided.gauges):
         adapter = adapter_at(gauge.port) if gauge.adapter else ""
         if adapter != gauge.adapter:
-            name, there = guided.name_of(number), f"adapter {adapter or 'unknown'} at its port"
+            name, device = guided.name_of(number), f"adapter {adapter or 'unknown'} at its port"
             next_step = "Plug the cables in as they were, then: glidecal run --continue"
-            raise IndicatorError(name, there, f"adapter {gauge.adapter}, as before", next_step)
+            raise IndicatorError(name, device, f"adapter {gauge.adapter}, as before", next_step)
 
 
 def _take(guided: GuidedSession, step: Step) -> TakenStep:

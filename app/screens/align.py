@@ -112,8 +112,8 @@ class AlignScreen(Corrections):
 
     @work
     async def action_as_asked(self) -> None:
-        if self.rails.chosen not in self.rails.moved_mm and await self._may_move():
-            self.rails.watching = self.rails.chosen
+        if self.rails.number not in self.rails.moved_mm and await self._may_move():
+            self.rails.watching = self.rails.number
             self._note_move(watched=False)
 
     def _note_move(self, *, watched: bool) -> None:

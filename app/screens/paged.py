@@ -118,7 +118,7 @@ class PagedScreen(MainScreen[ScreenResultType]):
     def look(
         self,
         heading: str,
-        words: str,
+        text: str,
         job: Callable[[], Answer],
         show: Callable[[Answer], None],
         problem_text: Callable[[GlidecalError], str] = str,
@@ -126,7 +126,7 @@ class PagedScreen(MainScreen[ScreenResultType]):
         """Work out apart what the pages show: they say so meanwhile, and why where it cannot be."""
         self.looking, self.looked = True, False
         self.head(heading)
-        self.wait(words)
+        self.wait(text)
         self.refresh_bindings()
         self._work_out(job, show, problem_text)
 

@@ -225,7 +225,7 @@ async def tried(
     if not listed:
         screen.app.complain(texts.NOTHING_TO_TRY)
         return None
-    rows = [(each, texts.choice_words(each)) for each in listed]
+    rows = [(effect, texts.choice_words(effect)) for effect in listed]
     choice = await screen.choice(texts.WHICH, rows)
     if choice is None:
         return None

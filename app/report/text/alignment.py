@@ -108,7 +108,7 @@ def round_text(work: Round) -> str:
         moved_words, to_go = "as asked" if as_asked else "" if shim.needed else "fine", ""
         if as_asked and moved is not None:
             moved_words, to_go = signed(_asked_way(shim, moved)), _to_go(shim, moved)
-        mark = ">" if k == work.chosen else "+" if k in work.moved_mm else " "
+        mark = ">" if k == work.number else "+" if k in work.moved_mm else " "
         lines.append(
             f"{mark} {rail[5:]:<5}{at:>4} mm  {towards:<8}{by:>7} {moved_words:>8} {to_go:>8}"
         )
@@ -125,7 +125,7 @@ def _to_go(shim: Shim, moved_mm: float) -> str:
 
 def screw_text(work: Round) -> str:
     """What to do at the chosen screw."""
-    shim, number = work.shim, work.chosen
+    shim, number = work.shim, work.number
     rail, at, towards, by = _cells(shim)
     axis, leg = LEG_NAMES[shim.towards].upper(), LEG_NAMES[shim.rail].upper()
     along = work.station(shim) * work.aligned.machine.geometry().leg_length_mm[shim.rail]

@@ -78,7 +78,7 @@ def test_a_round_of_turning_and_measuring(tmp_path: Path) -> None:
     with measured(path) as (guided, work):
         before = max(range(8), key=lambda k: abs(work.aligned.shims[k].move_mm))
         shim = work.aligned.shims[before]
-        work.chosen = before
+        work.number = before
         turn(guided, work, before, shim.move_mm)
         assert work.live_mm() == pytest.approx(shim.move_mm, abs=0.05)  # scatter over the lever
         assert f"> {'xyz'[shim.rail].upper()}" in round_text(work)

@@ -90,7 +90,7 @@ class Round:
     guided: GuidedSession
     aligned: RailAlignment
     moved_mm: dict[int, float | None] = field(default_factory=dict)
-    watching: int | None = None
+    watching: bool = False
     number: int = 0
     _start_mm: float = 0.0
 
@@ -98,84 +98,81 @@ class Round:
     def _geometry(self) -> Geometry:
         return self.aligned.machine.geometry()
 
-    def station(self, shim: Shim) -> float:
-        """Where on the bar the indicator watches."""
-        return min(WATCHED, self._geometry.usable_bar[shim.rail][1])
-
-    def watch_step(self, shim: Shim) -> Step:
-        """The set-up that watches a screw, at Zero. Raises UsageError where no indicator may."""
-        towards = ALL_AXES[shim.towards]
-        instruments = self.guided.session.opened.instruments
-        fitting = [k for k, instrument in enumerate(instruments) if towards in instrument.axes]
-        if not fitting:
-            options = " and ".join(f"@{instrument.axes}" for instrument in instruments)
-            raise UsageError("indicator that watches", options, f"one along {towards}")
-        leg, station = ALL_AXES[shim.rail], self.station(shim)
-        # as over a plane: nothing is subtracted, the stand was there before the rail moved
-        return Step(0, leg, 0.0, 1, station, (towards,), over_plane=True, first=fitting[0])
-
-    def watchable(self, shim: Shim) -> bool:
-        """Whether a turn of this screw shows on the leg at Zero."""
-        return abs(shim.shown(self._geometry, self.station(shim))) > LEAST_SHOWN
-
     @property
     def shim(self) -> Shim:
         """The chosen screw."""
         return self.aligned.shims[self.number]
 
+    @property
+    def station(self) -> float:
+        """Where on the bar the indicator watches the chosen screw."""
+        return min(WATCHED, self._geometry.usable_bar[self.shim.rail][1])
+
+    @property
+    def watch_step(self) -> Step:
+        """The set-up that watches it, at Zero. Raises UsageError where no indicator may."""
+        towards = ALL_AXES[self.shim.towards]
+        instruments = self.guided.session.opened.instruments
+        fitting = [k for k, instrument in enumerate(instruments) if towards in instrument.axes]
+        if not fitting:
+            options = " and ".join(f"@{instrument.axes}" for instrument in instruments)
+            raise UsageError("indicator that watches", options, f"one along {towards}")
+        leg = ALL_AXES[self.shim.rail]
+        # as over a plane: nothing is subtracted, the stand was there before the rail moved
+        return Step(0, leg, 0.0, 1, self.station, (towards,), over_plane=True, first=fitting[0])
+
+    @property
+    def lever(self) -> float:
+        """How much of a turn of the chosen screw shows on the leg at Zero."""
+        return self.shim.shown(self._geometry, self.station)
+
+    @property
+    def watchable(self) -> bool:
+        """Whether a turn of it shows."""
+        return abs(self.lever) > LEAST_SHOWN
+
     def choose(self, by: int) -> Step:
         """So many screws on; tells a simulated machine to stand there. Raises as `watch_step`."""
         self.number = (self.number + by) % len(self.aligned.shims)
-        step = self.watch_step(self.shim)
-        self.guided.watch(step)
-        return step
+        self.guided.watch(self.watch_step)
+        return self.watch_step
 
     def watch(self) -> Watch:
         """Begin to watch the chosen screw, or why not. Raises as `watch_step`, and RecordError."""
-        if not self.watchable(self.shim):
+        if not self.watchable:
             return Watch.BLIND
         if self.number in self.moved_mm:
             return Watch.DONE
-        return Watch.BEGUN if self.start(self.number) else Watch.NO_NUMBER
+        value = self._value()
+        if value is None:
+            return Watch.NO_NUMBER
+        rail = ALL_AXES[self.shim.rail]
+        # from here on the record says that the machine is another one, whatever happens
+        self.guided.change(Changed(rail=rail, reason=f"rail {rail} is being moved"))
+        self.watching, self._start_mm = True, value  # where the screw begins
+        return Watch.BEGUN
 
     def turn(self, way: int) -> bool:
         """Turn the chosen screw of a simulated machine by a key; not before it is watched."""
-        if self.watching is None or self.guided.turn is None:
+        if not self.watching or self.guided.turn is None:
             return False
         moved = RailMoved.by_shim(self.shim, way * TURN_MM)
-        self.guided.turn(moved, self.watch_step(self.shim))
+        self.guided.turn(moved, self.watch_step)
         return True
-
-    def start(self, number: int) -> bool:
-        """The indicator stands: what it shows is where the screw begins. Whether it shows any.
-
-        From here on the record says that the machine is another one, whatever happens.
-        """
-        value = self._value(number)
-        if value is not None:
-            rail = ALL_AXES[self.aligned.shims[number].rail]
-            self.guided.change(Changed(rail=rail, reason=f"rail {rail} is being moved"))
-            self.watching, self._start_mm = number, value
-        return value is not None
 
     def live_mm(self) -> float | None:
         """How far the end that is watched has moved since; None where nothing is shown."""
-        if self.watching is None:
-            return None
-        value, shim = self._value(self.watching), self.aligned.shims[self.watching]
-        if value is None:
-            return None
-        return (value - self._start_mm) / shim.shown(self._geometry, self.station(shim))
+        value = self._value() if self.watching else None
+        return None if value is None else (value - self._start_mm) / self.lever
 
-    def slope_mm(self, number: int) -> float:
+    def slope_mm(self) -> float:
         """Leg parallelism at Zero: how much further along the axis the foot is than the tool.
 
-        As the session found it, and as the ends of this rail have moved since.
+        That of the chosen screw, as the session found it, and as the ends of the rail moved since.
         """
-        shim = self.aligned.shims[number]
-        moved_mm = dict(self.moved_mm)
-        if self.watching is not None:
-            moved_mm[self.watching] = self.live_mm()
+        shim, moved_mm = self.shim, dict(self.moved_mm)
+        if self.watching:
+            moved_mm[self.number] = self.live_mm()
         way = slope_at_zero_mm(self.aligned.alignment.model, shim.rail, shim.towards)
         for k, mm in moved_mm.items():
             opposite = self.aligned.shims[k]
@@ -185,8 +182,7 @@ class Round:
 
     def done(self, *, watched: bool) -> Changed:
         """Write the move into the record: what was read before is of another machine."""
-        assert self.watching is not None
-        shim, moved = self.aligned.shims[self.watching], self.live_mm() if watched else None
+        shim, moved = self.shim, self.live_mm() if watched else None
         change = Changed(
             rail=ALL_AXES[shim.rail],
             towards=ALL_AXES[shim.towards],
@@ -196,10 +192,10 @@ class Round:
             reason=f"rail {ALL_AXES[shim.rail]} moved",
         )
         self.guided.change(change)
-        self.moved_mm[self.watching], self.watching = moved, None
+        self.moved_mm[self.number], self.watching = moved, False
         return change
 
-    def _value(self, number: int) -> float | None:
-        gauge = self.guided.gauges[self.watch_step(self.aligned.shims[number]).first]
-        outcome = gauge.live().outcome
+    def _value(self) -> float | None:
+        """What the indicator shows that watches the chosen screw, mm."""
+        outcome = self.guided.gauges[self.watch_step.first].live().outcome
         return outcome.value_mm if isinstance(outcome, IndicatorReading) else None

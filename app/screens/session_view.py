@@ -321,13 +321,10 @@ class LegReviewScreen(Dialog[bool]):
         self.call_after_refresh(self._draw_chart)  # a chart takes long; the words come first
         if self._unattended:
             # how long an unattended demonstration shows the review
-            self.set_timer(1.0, self._go_on)
+            self.set_timer(1.0, partial(self.action_dismiss, False))
 
     def _draw_chart(self) -> None:
         self.query_one(ChartPlot).show(readings_by_posture(self._session, self._step))
-
-    def _go_on(self) -> None:
-        self.dismiss(False)  # not awaited: it is this screen's own handler
 
 
 LOOK_S = 0.1

@@ -138,7 +138,7 @@ State = tuple[str, bool, bool]
 
 
 def _state_of_form(record: Record) -> State:
-    """That of a record of its own form; it goes on in the terminal alone."""
+    """The state of a record of its own form; it goes on in the terminal alone."""
     superseded = {
         number
         for event in record.events

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from app.dialogue.person import Person
+from app.measuring.gauges import LostIndicators
 from app.measuring.indicators import ports_to_choose
-from app.measuring.lost import LostIndicators
 from app.measuring.session import GuidedSession
 from app.report.text import motion, questions
 from app.report.text import session as texts
@@ -101,7 +101,7 @@ class CorrectionDialogue:
         if mover and mover.unproved and (question := mover.unproved.question):
             answer = await self.person.choice(question, motion.SAW_CHOICES)
             if answer is not None:
-                self.guided.answer_proof(yes=answer == "yes")
+                self.guided.note(*mover.answer_proof(yes=answer == "yes"))
         return False
 
     async def homing(self) -> bool:

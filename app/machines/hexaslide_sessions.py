@@ -7,7 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -29,11 +29,12 @@ from calib.errors import IndicatorError, RecordError, UsageError
 from calib.printable import counted
 
 if TYPE_CHECKING:  # heavy: imported where used
-    from app.measuring.hexaslide import PosturePlan, PostureTaking
+    from app.measuring.hexaslide import PostureTaking
     from app.report.certificate import CertificateHead
     from app.report.pages.report import ReportSource
     from drivers.line import IndicatorLine
     from protocols.files import Contents
+    from protocols.hexaslide_session import PosturesOpened
 
 NAME = "hexaslide"
 HELP = "Hexa Slide: postures (.csv) instead of those of the procedure."
@@ -70,57 +71,61 @@ class RunOptions:
     ] = None
 
 
-def _plan(
-    path: Path, machine: str | None, protocol: str | None, posture_file: Path | None
-) -> PosturePlan:
-    from app.measuring.hexaslide import PosturePlan
+def _opened(
+    machine: str | None,
+    protocol: str | None,
+    posture_file: Path | None,
+    **stated: Any,  # noqa: ANN401 (of other fields)
+) -> PosturesOpened:
+    """The first line of the record, with what else is ``stated``."""
     from app.planning.hexaslide import EXAMPLE
+    from app.version import program
     from protocols.hexaslide import load_hexaslide
-    from protocols.hexaslide_session import load_posture_procedure, procedure_names
+    from protocols.hexaslide_session import PosturesOpened, load_posture_procedure, procedure_names
 
     if protocol is None:
         listed = ", ".join(procedure_names())
         raise UsageError("--protocol", "none", f"{listed}, or a procedure file (TOML)")
     machine_file = None if machine in (None, NAME) else Path(str(machine))
-    return PosturePlan(
-        path,
-        load_hexaslide(machine_file),
-        machine_file.name if machine_file else EXAMPLE,
-        load_posture_procedure(protocol, posture_file),
+    return PosturesOpened(
+        program=program(),
+        machine=load_hexaslide(machine_file),
+        machine_file=machine_file.name if machine_file else EXAMPLE,
+        procedure=load_posture_procedure(protocol, posture_file),
+        **stated,
     )
 
 
 def imported(importing: ImportRequest, options: ImportOptions, say: Say) -> None:
     """A session of a table, or the table to be filled in."""
-    from dataclasses import replace
-
-    from app.measuring.hexaslide import import_postures
+    from app.measuring.hexaslide import commanded, import_postures
     from protocols.files import write_files
     from protocols.hexaslide_table import empty_table
 
     output = importing.source if importing.template else importing.output
     if output is None:
         raise UsageError("--output", "none", "-o SESSION, or --template to write an empty table")
-    plan = _plan(output, importing.machine, importing.protocol, options.posture_file)
+    opened = _opened(
+        importing.machine,
+        importing.protocol,
+        options.posture_file,
+        origin="imported",
+        remarks=tuple(filter(None, [" ".join(importing.remarks)])),
+        measured_on=importing.measured_on,
+    )
+    procedure = opened.procedure
     noise = {"noise_mm": options.noise_mm, "noise_deg": options.noise_deg}
     if importing.template:
         if any(value is not None for value in noise.values()):
             raise UsageError("--noise-mm, --noise-deg", "--template", "with a table to be read")
         may = may_replace(importing.force, output)
-        write_files(output, {"": empty_table(plan.commands())}, replace=may)
-        say(f"{plan.procedure.name} to be filled in, units in the second row: {output}")
+        write_files(output, {"": empty_table(commanded(opened))}, replace=may)
+        say(f"{procedure.name} to be filled in, units in the second row: {output}")
         return
     if options.posture_file is not None:
         raise UsageError("--posture-file", "no --template", "with --template, or with run")
-    session, odd = import_postures(
-        importing.source,
-        replace(
-            plan,
-            procedure=plan.procedure.with_noise(**noise),
-            note=" ".join(importing.remarks),
-            measured_on=importing.measured_on,
-        ),
-    )
+    opened = opened.model_copy(update={"procedure": procedure.with_noise(**noise)})
+    session, odd = import_postures(importing.source, output, opened)
     for text in odd:
         say(f"glidecal: {text}")
     say(f"{counted(len(session.readings), 'posture')} written to {output}")
@@ -128,7 +133,7 @@ def imported(importing: ImportRequest, options: ImportOptions, say: Say) -> None
 
 def run(running: RunRequest, options: RunOptions, say: Say) -> None:
     """Posture after posture: simulated, or typed in a terminal."""
-    from app.measuring.hexaslide import PostureTaking, measure_simulated
+    from app.measuring.hexaslide import PostureTaking, commanded, measure_simulated
     from app.report.streams import need_terminal
     from app.report.text.hexaslide_session import plan_text
 
@@ -137,13 +142,15 @@ def run(running: RunRequest, options: RunOptions, say: Say) -> None:
             raise UsageError("--posture-file, --behind", "beside --continue", "--continue alone")
         taking = PostureTaking.resume(running.resume)
     else:
-        plan = _begun(running, options)
+        opened = _begun(running, options)
         if running.dry_run:
-            typer.echo(plan_text(plan.commands()))
+            typer.echo(plan_text(commanded(opened)))
             return
-        if plan.seed is None:
+        if opened.seed is None:
             need_terminal("run", "--simulated, or glidecal import of a table")
-        taking = PostureTaking.begin(plan)
+        name = Path(running.protocol).stem if running.protocol else NAME
+        path = running.output or Path(f"{date.today():%Y-%m-%d}-{name}.jsonl")
+        taking = PostureTaking.begin(path, opened)
     try:
         seed = taking.session.opened.seed
         if seed is not None:
@@ -159,36 +166,35 @@ def run(running: RunRequest, options: RunOptions, say: Say) -> None:
     say(f"{counted(len(taking.session.readings), 'posture')} in {taking.path}")
 
 
-def _begun(running: RunRequest, options: RunOptions) -> PosturePlan:
-    from dataclasses import replace
-
+def _begun(running: RunRequest, options: RunOptions) -> PosturesOpened:
     from app.measuring.hexaslide import INDICATED
     from protocols.hexaslide_session import read_postures, simulated_truth
 
-    name = Path(running.protocol).stem if running.protocol else NAME
-    path = running.output or Path(f"{date.today():%Y-%m-%d}-{name}.jsonl")
-    plan = _plan(path, running.machine, running.protocol, options.posture_file)
-    if len(running.indicators) > 1:
-        raise UsageError("--indicator", f"{len(running.indicators)}", "one, in the link")
-    if running.indicators:
-        if running.simulated or plan.procedure.whole().measured != INDICATED:
-            given_words = "--simulated" if running.simulated else f"procedure {plan.procedure.name}"
-            raise UsageError("--indicator", given_words, "a procedure that measures length alone")
-        _profile(running.indicators[0])
-    truth = None
-    if options.behind is not None:
-        if not running.simulated:
-            raise UsageError("--behind", "no --simulated", "with --simulated alone")
-        truth = simulated_truth(read_postures(options.behind)[0])
-    return replace(
-        plan,
-        truth=truth,
+    opened = _opened(
+        running.machine,
+        running.protocol,
+        options.posture_file,
+        origin="simulated" if running.simulated else "measured",
         operator=running.operator,
         temperature_c=running.temperature_c,
-        note=running.note,
+        remarks=tuple(filter(None, [running.note])),
         seed=running.seed if running.simulated else None,
         indicator="".join(running.indicators),
     )
+    procedure = opened.procedure
+    if len(running.indicators) > 1:
+        raise UsageError("--indicator", f"{len(running.indicators)}", "one, in the link")
+    if running.indicators:
+        if running.simulated or procedure.whole().measured != INDICATED:
+            given_words = "--simulated" if running.simulated else f"procedure {procedure.name}"
+            raise UsageError("--indicator", given_words, "a procedure that measures length alone")
+        _profile(running.indicators[0])
+    if options.behind is None:
+        return opened
+    if not running.simulated:
+        raise UsageError("--behind", "no --simulated", "with --simulated alone")
+    truth = simulated_truth(read_postures(options.behind)[0])
+    return opened.model_copy(update={"truth": truth})
 
 
 def _profile(text: str) -> IndicatorLine:

@@ -17,6 +17,7 @@ from calib.tripod.alignment import (
     shims,
     slope_at_zero_mm,
 )
+from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
 from drivers.profile import IndicatorReading
 from protocols.machine import Machine
@@ -52,17 +53,12 @@ class RailAlignment:
 
 def align_session(session: Session, reference: Leg) -> RailAlignment:
     """Raises UsageError where legs cannot be read, NotIdentifiable and RecordError."""
-    machine = session.opened.machine
-    drive = ALL_AXES.index(reference)
-    alignment_found = alignment(
-        machine.geometry(),
-        to_observations([session]),
-        machine.tolerances_mm(),
-        indicator_figures([session]),
-        drive,
-    )
-    moves = shims(alignment_found, drive, machine.rails_rest_mm())
-    return RailAlignment(machine, reference, alignment_found, tuple(moves))
+    machine, drive = session.opened.machine, ALL_AXES.index(reference)
+    readings, figures = to_observations([session]), indicator_figures([session])
+    tolerances_mm = machine.tolerances_mm()
+    rails = alignment(machine.geometry(), readings, tolerances_mm, figures, drive)
+    moves = shims(rails, drive, machine.rails_rest_mm())
+    return RailAlignment(machine, reference, rails, tuple(moves))
 
 
 def check_procedure(procedure: Procedure, machine: Machine, reference: Leg) -> None:
@@ -94,101 +90,99 @@ class Round:
     guided: GuidedSession
     aligned: RailAlignment
     moved_mm: dict[int, float | None] = field(default_factory=dict)
-    watching: int | None = None
-    chosen: int = 0
+    watching: bool = False
+    number: int = 0
     _start_mm: float = 0.0
 
-    def station(self, shim: Shim) -> float:
-        """Where on the bar the indicator watches."""
-        return min(WATCHED, self.aligned.machine.geometry().usable_bar[shim.rail][1])
+    @property
+    def _geometry(self) -> Geometry:
+        return self.aligned.machine.geometry()
 
-    def watch_step(self, shim: Shim) -> Step:
-        """The set-up that watches a screw, at Zero. Raises UsageError where no indicator may."""
-        towards = ALL_AXES[shim.towards]
+    @property
+    def shim(self) -> Shim:
+        """The chosen screw."""
+        return self.aligned.shims[self.number]
+
+    @property
+    def station(self) -> float:
+        """Where on the bar the indicator watches the chosen screw."""
+        return min(WATCHED, self._geometry.usable_bar[self.shim.rail][1])
+
+    @property
+    def watch_step(self) -> Step:
+        """The set-up that watches it, at Zero. Raises UsageError where no indicator may."""
+        towards = ALL_AXES[self.shim.towards]
         instruments = self.guided.session.opened.instruments
         fitting = [k for k, instrument in enumerate(instruments) if towards in instrument.axes]
         if not fitting:
             options = " and ".join(f"@{instrument.axes}" for instrument in instruments)
             raise UsageError("indicator that watches", options, f"one along {towards}")
-        leg, station = ALL_AXES[shim.rail], self.station(shim)
+        leg = ALL_AXES[self.shim.rail]
         # as over a plane: nothing is subtracted, the stand was there before the rail moved
-        return Step(0, leg, 0.0, 1, station, (towards,), over_plane=True, first=fitting[0])
-
-    def watchable(self, shim: Shim) -> bool:
-        """Whether a turn of this screw shows on the leg at Zero."""
-        return abs(shim.shown(self.aligned.machine.geometry(), self.station(shim))) > LEAST_SHOWN
+        return Step(0, leg, 0.0, 1, self.station, (towards,), over_plane=True, first=fitting[0])
 
     @property
-    def shim(self) -> Shim:
-        """The chosen screw."""
-        return self.aligned.shims[self.chosen]
+    def lever(self) -> float:
+        """How much of a turn of the chosen screw shows on the leg at Zero."""
+        return self.shim.shown(self._geometry, self.station)
+
+    @property
+    def watchable(self) -> bool:
+        """Whether a turn of it shows."""
+        return abs(self.lever) > LEAST_SHOWN
 
     def choose(self, by: int) -> Step:
         """So many screws on; tells a simulated machine to stand there. Raises as `watch_step`."""
-        self.chosen = (self.chosen + by) % len(self.aligned.shims)
-        step = self.watch_step(self.shim)
-        self.guided.watch(step)
-        return step
+        self.number = (self.number + by) % len(self.aligned.shims)
+        self.guided.watch(self.watch_step)
+        return self.watch_step
 
     def watch(self) -> Watch:
         """Begin to watch the chosen screw, or why not. Raises as `watch_step`, and RecordError."""
-        if not self.watchable(self.shim):
+        if not self.watchable:
             return Watch.BLIND
-        if self.chosen in self.moved_mm:
+        if self.number in self.moved_mm:
             return Watch.DONE
-        return Watch.BEGUN if self.start(self.chosen) else Watch.NO_NUMBER
+        value = self._value()
+        if value is None:
+            return Watch.NO_NUMBER
+        rail = ALL_AXES[self.shim.rail]
+        # from here on the record says that the machine is another one, whatever happens
+        self.guided.change(Changed(rail=rail, reason=f"rail {rail} is being moved"))
+        self.watching, self._start_mm = True, value  # where the screw begins
+        return Watch.BEGUN
 
     def turn(self, way: int) -> bool:
         """Turn the chosen screw of a simulated machine by a key; not before it is watched."""
-        if self.watching is None or self.guided.turn is None:
+        if not self.watching or self.guided.turn is None:
             return False
         moved = RailMoved.by_shim(self.shim, way * TURN_MM)
-        self.guided.turn(moved, self.watch_step(self.shim))
+        self.guided.turn(moved, self.watch_step)
         return True
-
-    def start(self, number: int) -> bool:
-        """The indicator stands: what it shows is where the screw begins. Whether it shows any.
-
-        From here on the record says that the machine is another one, whatever happens.
-        """
-        value = self._value(number)
-        if value is not None:
-            rail = ALL_AXES[self.aligned.shims[number].rail]
-            self.guided.change(Changed(rail=rail, reason=f"rail {rail} is being moved"))
-            self.watching, self._start_mm = number, value
-        return value is not None
 
     def live_mm(self) -> float | None:
         """How far the end that is watched has moved since; None where nothing is shown."""
-        if self.watching is None:
-            return None
-        value, shim = self._value(self.watching), self.aligned.shims[self.watching]
-        if value is None:
-            return None
-        return (value - self._start_mm) / shim.shown(
-            self.aligned.machine.geometry(), self.station(shim)
-        )
+        value = self._value() if self.watching else None
+        return None if value is None else (value - self._start_mm) / self.lever
 
-    def slope_mm(self, number: int) -> float:
+    def slope_mm(self) -> float:
         """Leg parallelism at Zero: how much further along the axis the foot is than the tool.
 
-        As the session found it, and as the ends of this rail have moved since.
+        That of the chosen screw, as the session found it, and as the ends of the rail moved since.
         """
-        shim = self.aligned.shims[number]
-        moved = {**self.moved_mm} | (
-            {} if self.watching is None else {self.watching: self.live_mm()}
-        )
+        shim, moved_mm = self.shim, dict(self.moved_mm)
+        if self.watching:
+            moved_mm[self.number] = self.live_mm()
         way = slope_at_zero_mm(self.aligned.alignment.model, shim.rail, shim.towards)
-        for k, mm in moved.items():
+        for k, mm in moved_mm.items():
             opposite = self.aligned.shims[k]
             if (opposite.rail, opposite.towards) == (shim.rail, shim.towards) and mm is not None:
-                way += mm * opposite.shown(self.aligned.machine.geometry(), 1.0)
+                way += mm * opposite.shown(self._geometry, 1.0)
         return way
 
     def done(self, *, watched: bool) -> Changed:
         """Write the move into the record: what was read before is of another machine."""
-        assert self.watching is not None
-        shim, moved = self.aligned.shims[self.watching], self.live_mm() if watched else None
+        shim, moved = self.shim, self.live_mm() if watched else None
         change = Changed(
             rail=ALL_AXES[shim.rail],
             towards=ALL_AXES[shim.towards],
@@ -198,10 +192,10 @@ class Round:
             reason=f"rail {ALL_AXES[shim.rail]} moved",
         )
         self.guided.change(change)
-        self.moved_mm[self.watching], self.watching = moved, None
+        self.moved_mm[self.number], self.watching = moved, False
         return change
 
-    def _value(self, number: int) -> float | None:
-        gauge = self.guided.gauges[self.watch_step(self.aligned.shims[number]).first]
-        outcome = gauge.live().outcome
+    def _value(self) -> float | None:
+        """What the indicator shows that watches the chosen screw, mm."""
+        outcome = self.guided.gauges[self.watch_step.first].live().outcome
         return outcome.value_mm if isinstance(outcome, IndicatorReading) else None

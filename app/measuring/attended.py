@@ -87,7 +87,7 @@ class AttendedSession:
             return
         mover.line.alive()
         try:
-            self.guided.follow_proof()
+            self.guided.note(*mover.watch())
         finally:
             if mover.line.may_move:
                 lost_words(self.guided)

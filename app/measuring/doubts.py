@@ -107,12 +107,11 @@ def examined(
     if not simulated:
         doubt, remarks = _movement_doubt(step_taken, session, gauges, controlled=controlled)
     if doubt:
-        step_taken = replace(step_taken, doubt=doubt)
-        if doubt is Doubt.UNCHANGED and (
-            step := step_taken.due[0].previous.step
-        ):  # or it was here early
-            earlier = tuple(r for r in session.readings if r.step == step)
-            step_taken = replace(step_taken, earlier=earlier)
+        earlier: tuple[Reading, ...] = ()
+        if doubt is Doubt.UNCHANGED:  # or it was here early
+            step_before = step_taken.due[0].previous.step
+            earlier = tuple(r for r in session.readings if r.step and r.step == step_before)
+        step_taken = replace(step_taken, doubt=doubt, earlier=earlier)
     elif step_taken.due:
         step_taken = _compared(step_taken, record)
     elif not simulated and (last := _unmoved_stand(step_taken, session, gauges)):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from datetime import date
 from pathlib import Path
 
 from app.version import program
@@ -21,12 +20,9 @@ from calib.hexaslide.expectation import (
     other_frame,
 )
 from calib.hexaslide.procedures import ANGLES
-from protocols.documents import Origin
-from protocols.hexaslide import HexaSlideMachine
 from protocols.hexaslide_session import (
     POSTURE_FORM,
     PostureCommands,
-    PostureProcedure,
     PostureReading,
     PostureSession,
     PosturesOpened,
@@ -48,49 +44,16 @@ INDICATED = ("length",)
 KEPT = "kept although it was questioned"
 
 
-@dataclass(frozen=True)
-class PosturePlan:
-    """What is to be measured, and where it is recorded; ``seed`` is set for a simulated machine."""
-
-    path: Path
-    machine: HexaSlideMachine
-    machine_file: str
-    procedure: PostureProcedure
-    operator: str = ""
-    temperature_c: float | None = None
-    note: str = ""
-    seed: int | None = None
-    truth: HexaSlideMachine | None = None
-    indicator: str = ""
-    measured_on: date | None = None
-
-    def commands(self) -> PostureCommands:
-        """Where the sliders are sent. Raises RecordError for a posture that cannot be."""
-        if not self.procedure.postures:
-            raise RecordError(
-                f"procedure {self.procedure.name}",
-                "no postures",
-                "some in the file, or --posture-file",
-                "glidecal postures finds them.",
-            )
-        return commands(self.machine, self.procedure)
-
-    def opened(self, origin: Origin, procedure: PostureProcedure) -> PosturesOpened:
-        """The first line of the record."""
-        return PosturesOpened(
-            program=program(),
-            origin=origin,
-            measured_on=self.measured_on,
-            machine=self.machine,
-            machine_file=self.machine_file,
-            procedure=procedure,
-            operator=self.operator,
-            temperature_c=self.temperature_c,
-            seed=self.seed,
-            truth=self.truth,
-            indicator=self.indicator,
-            remarks=(self.note,) if self.note else (),
+def commanded(opened: PosturesOpened) -> PostureCommands:
+    """Where the sliders are sent. Raises RecordError for a posture that cannot be."""
+    if not opened.procedure.postures:
+        raise RecordError(
+            f"procedure {opened.procedure.name}",
+            "no postures",
+            "some in the file, or --posture-file",
+            "glidecal postures finds them.",
         )
+    return commands(opened.machine, opened.procedure)
 
 
 @dataclass(frozen=True)
@@ -113,11 +76,11 @@ class PostureTaking:
         self.doubt = self._examined()
 
     @staticmethod
-    def begin(plan: PosturePlan) -> PostureTaking:
+    def begin(path: Path, opened: PosturesOpened) -> PostureTaking:
         """A new record. Raises RecordError for its place, or a posture that cannot be."""
-        planned = plan.commands()
-        opened = plan.opened("measured" if plan.seed is None else "simulated", planned.procedure)
-        return PostureTaking(Journal.create(plan.path, opened, POSTURE_FORM), planned)
+        targets = commanded(opened)
+        first_line = opened.model_copy(update={"procedure": targets.procedure})
+        return PostureTaking(Journal.create(path, first_line, POSTURE_FORM), targets)
 
     @staticmethod
     def resume(path: Path) -> PostureTaking:
@@ -265,17 +228,19 @@ def measure_simulated(taking: PostureTaking, seed: int, say: Callable[[str], Non
     taking.finish()
 
 
-def import_postures(source: Path, plan: PosturePlan) -> tuple[PostureSession, tuple[str, ...]]:
-    """A finished record of a table, and what is odd about it.
+def import_postures(
+    source: Path, path: Path, opened: PosturesOpened
+) -> tuple[PostureSession, tuple[str, ...]]:
+    """A finished record of a table at ``path``, and what is odd about it.
 
     Raises RecordError for the table, naming line and column, and for the place of the record.
     """
-    procedure = plan.procedure.model_copy(update={"postures": ()})
-    readings, unused = readings_of_table(source, plan.machine, procedure)
-    opened = plan.opened("imported", procedure)
-    session = replace(fold_postures([opened, *readings.values()]), name=plan.path.name)
+    procedure = opened.procedure.model_copy(update={"postures": ()})
+    opened = opened.model_copy(update={"procedure": procedure})
+    readings, unused = readings_of_table(source, opened.machine, procedure)
+    session = replace(fold_postures([opened, *readings.values()]), name=path.name)
     odd = _odd(source, session, [*readings])
-    write_whole(plan.path, opened, [*readings.values()], POSTURE_FORM)
+    write_whole(path, opened, [*readings.values()], POSTURE_FORM)
     return session, (*unused, *odd)
 
 
@@ -299,9 +264,9 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
     line, reading, departure = gross[0]
     column, value_words = _cell(session, reading, departure)
     subject = f"table {path}, line {line}, column {column}"
-    allowed = "sliders of a posture that the machine file has"
+    possible = "sliders of a posture that the machine file has"
     if departure is not None:
-        allowed = f"what the machine file and its tolerances allow ({departed(departure)})"
+        possible = f"what the machine file and its tolerances allow ({departed(departure)})"
     frame = None
     if len(gross) > 1 and all(way is not None for _, _, way in gross):
         frame = other_frame(session.measurements().readings(), machine.whole())
@@ -314,7 +279,7 @@ def _odd(path: Path, session: PostureSession, lines: Sequence[int]) -> tuple[str
         next_step = f"As if: {'; '.join(ways)}."
     if len(gross) > 1:
         next_step += f" {len(gross)} of {len(session.readings)} rows are like that."
-    raise RecordError(subject, value_words, allowed, next_step)
+    raise RecordError(subject, value_words, possible, next_step)
 
 
 def _of_another_frame(subject: str, frame: OtherFrame, count: int) -> RecordError:

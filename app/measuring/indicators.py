@@ -68,11 +68,6 @@ FORM_ALLOWED = {
 }
 
 
-def form_of(instrument: Instrument) -> dict[str, object]:
-    """The values of an indicator as a form holds them."""
-    return instrument.model_dump(mode="json", exclude_none=True)
-
-
 def indicator_of(form: Mapping[str, object]) -> Instrument:
     """The indicator that a form holds; empty texts count as nothing.
 
@@ -89,8 +84,8 @@ def indicator_of(form: Mapping[str, object]) -> Instrument:
         instrument = Instrument.model_validate_json(json.dumps(fields))
     except ValidationError as problem:
         name = str(problem.errors()[0]["loc"][0])
-        allowed = FORM_ALLOWED.get(name, describe(problem))
-        raise UsageError(name.replace("_", " "), repr(fields.get(name))[:60], allowed) from problem
+        rule = FORM_ALLOWED.get(name, describe(problem))
+        raise UsageError(name.replace("_", " "), repr(fields.get(name))[:60], rule) from problem
     check_port(instrument.port)
     return instrument
 
@@ -166,28 +161,16 @@ class RememberedIndicators(Document):
     adapters: dict[Name, Name] = Field(default_factory=dict)
 
 
-def last_used(machine: str) -> tuple[Instrument, ...]:
-    """The indicators that were used last with this machine; none where nothing is known.
-
-    They are a proposal for a person to look at. Raises RecordError.
-    """
-    return _last_used().machines.get(machine, ())
-
-
-def last_identity(machine: str) -> tuple[str, str]:
-    """Serial number and place of the machine of this name that was measured last, "": none stated.
-
-    Raises RecordError.
-    """
-    remembered = _last_used()
-    return remembered.serial_numbers.get(machine, ""), remembered.places.get(machine, "")
+def last_used() -> RememberedIndicators:
+    """What was used last: a proposal for a person to look at. Raises RecordError."""
+    return read_remembered(data_path(), RememberedIndicators, "indicators used last,")
 
 
 def remember(
     machine: str, instruments: Sequence[Instrument], serial_number: str = "", place: str = ""
 ) -> None:
     """Keep what is used for the next session. Raises RecordError, UsageError for a link."""
-    remembered = _last_used()
+    remembered = last_used()
     ports, here = {instrument.port for instrument in instruments}, adapters()
     present = ports & {port for port, _ in serial_ports()}  # what is there now has no other number
     absent = {port: n for port, n in remembered.adapters.items() if port not in present}
@@ -212,7 +195,7 @@ def propose_again(machine: Machine, instruments: Sequence[Instrument]) -> None:
 def adapter_before(port: str) -> str:
     """The serial number of the adapter that was used last at a port, empty where unknown."""
     with contextlib.suppress(RecordError):
-        return _last_used().adapters.get(port, "")
+        return last_used().adapters.get(port, "")
     return ""
 
 
@@ -221,16 +204,11 @@ def moved_adapters(instruments: Sequence[Instrument]) -> dict[int, str]:
 
     It is known by the serial number that it had when it was used last.
     """
-    elsewhere = {}
-    for number, instrument in enumerate(instruments):
-        port = port_of(adapter_before(instrument.port), instrument.port)
-        if port is not None:
-            elsewhere[number] = port
-    return elsewhere
-
-
-def _last_used() -> RememberedIndicators:
-    return read_remembered(data_path(), RememberedIndicators, "indicators used last,")
+    return {
+        number: port
+        for number, instrument in enumerate(instruments)
+        if (port := port_of(adapter_before(instrument.port), instrument.port)) is not None
+    }
 
 
 def check_indicators(instruments: Sequence[Instrument], *, legs: bool = True) -> None:
@@ -245,7 +223,13 @@ def check_indicators(instruments: Sequence[Instrument], *, legs: bool = True) ->
             check_port(instrument.port)
         except GlidecalError as problem:
             faults.append(f"{problem.thing} {problem.found}")
-        faults += _request_faults(instrument)
+        request = instrument.request or ""
+        if request and "://" in instrument.port:  # whatever service is there would obey
+            faults.append(
+                f"request {request!r:.60} to {instrument.port!r}, which is not a serial port"
+            )
+        elif not OWN_REQUEST.fullmatch(request):
+            faults.append(f"request {request!r:.60}, not one line of at most 32 plain characters")
     ports = [i.port for i in instruments if i.port != SIMULATED]
     faults += [f"port {port} twice" for port in dict.fromkeys(ports) if ports.count(port) > 1]
     if not 1 <= len(instruments) <= 2:
@@ -261,24 +245,9 @@ def check_indicators(instruments: Sequence[Instrument], *, legs: bool = True) ->
         )
 
 
-def _request_faults(instrument: Instrument) -> list[str]:
-    """What is wrong with a request of one's own."""
-    request = instrument.request or ""
-    if request and _is_service(instrument.port):
-        return [f"request {request!r:.60} to {instrument.port!r}, which is not a serial port"]
-    if not OWN_REQUEST.fullmatch(request):
-        return [f"request {request!r:.60}, not one line of at most 32 plain characters"]
-    return []
-
-
-def _is_service(port: str) -> bool:
-    """Whether behind the port may be any service, which would obey a request of one's own."""
-    return "://" in port
-
-
 def check_request(profile: Profile, port: str) -> None:
     """Raises UsageError for a request of one's own to what is no serial port."""
-    if profile.name == ASCII_LINE.name and profile.request is not None and _is_service(port):
+    if profile.name == ASCII_LINE.name and profile.request is not None and "://" in port:
         raise UsageError(f"port of profile {profile.name} with a request", port, "a serial port")
 
 
@@ -363,12 +332,10 @@ def asked_of(instrument: Instrument) -> Query:
 
 def asked_for(unit: str, channel: int) -> Query:
     """What to ask for, from the command line. Raises UsageError for an unknown unit."""
-    plain = {"um": Unit.MICROMETRE, "in": Unit.INCH} | {
-        unit_known.value: unit_known for unit_known in Unit
-    }
-    if unit not in plain:
-        raise UsageError("--unit", repr(unit), ", ".join(unit_known.value for unit_known in Unit))
-    return Query(channel=channel, unit=plain[unit])
+    symbol = {"um": "µm", "in": "inch"}.get(unit, unit)
+    if symbol not in list(Unit):
+        raise UsageError("--unit", repr(unit), ", ".join(Unit))
+    return Query(channel=channel, unit=Unit(symbol))
 
 
 def swinging() -> Callable[[], float]:

@@ -151,7 +151,6 @@ class LegReview:
     """A leg just measured and the differences that exist so far, in mm."""
 
     leg: str
-    station: float
     axes: tuple[AxisReview, ...]
     differences_mm: tuple[tuple[str, float], ...]
 
@@ -167,7 +166,6 @@ def review_leg(session: Session, step: Step, rests_mm: Sequence[float] = ()) -> 
     rests = [*rests_mm, *[0.0] * len(step.axes)]
     return LegReview(
         leg=step.leg,
-        station=step.station,
         axes=tuple(
             _review_axis(session, step, axis, rest_mm)
             for axis, rest_mm in zip(step.axes, rests, strict=False)

@@ -28,12 +28,11 @@ from protocols.session import Moved
 
 @dataclass(frozen=True)
 class Ways:
-    """All ways of a procedure, and what they come to."""
+    """All ways of a procedure, and what they come to; rests at the steps are in the duration."""
 
     steps: tuple[Step, ...]
     longest_mm: float
-    moving_s: float
-    resting_s: float
+    duration_s: float
 
 
 def limits_of(machine: Machine) -> Limits:
@@ -68,13 +67,14 @@ def ways_of(procedure: Procedure, machine: Machine, axes: Sequence[str]) -> Ways
     moves = moves_mm(ways)
     longest = max(moves, default=0.0)
     if longest > limits.longest_mm:
-        thing = f"longest move of {procedure.name}"
-        allowed = f"{limits.longest_mm:g} mm, longest_mm under [motion] in the machine file"
-        raise MotionError(thing, f"{longest:.1f} mm", allowed, "Nothing was sent.")
-    moving_s = sum(moves) / feed_mm_min(machine) * 60.0
-    return Ways(
-        tuple(step for step, _ in step_ways), longest, moving_s, procedure.window_s * len(ways)
-    )
+        raise MotionError(
+            f"longest move of {procedure.name}",
+            f"{longest:.1f} mm",
+            f"{limits.longest_mm:g} mm, longest_mm under [motion] in the machine file",
+            "Nothing was sent.",
+        )
+    duration_s = sum(moves) / feed_mm_min(machine) * 60.0 + procedure.window_s * len(ways)
+    return Ways(tuple(step for step, _ in step_ways), longest, duration_s)
 
 
 @dataclass(frozen=True)
@@ -137,8 +137,7 @@ class Mover:
         self._way: Future[Triple] | None = None
         self._step: Step | None = None
         self._by_hand = False
-        self._at: Step | None = None
-        self._zero = False
+        self._at: Goal | None = None
         self._place: object = None
         self._places: tuple[Triple, ...] = ()
         self._from_mm: Triple | None = None
@@ -165,15 +164,14 @@ class Mover:
         """Whether something happened that the operator must answer."""
         return self.line.not_stopped or self.state in (State.HELD, State.FAULT)
 
-    @property
-    def unfit_answers(self) -> frozenset[str]:
-        """What the operator cannot answer now: ``answer``, ``vouch``, or ``home``."""
-        fits = {
+    def fits(self, answer: str) -> bool:
+        """Whether the operator can ``answer``, ``vouch`` or ``home`` now; any other word fits."""
+        able = {
             "answer": self.state in (State.HELD, State.FAULT),
             "vouch": self.line.not_stopped,
             "home": self.state is State.FAULT and self.line.can_home,
         }
-        return frozenset(name for name, fit in fits.items() if not fit)
+        return able.get(answer, True)
 
     @property
     def under_way(self) -> bool:
@@ -231,10 +229,9 @@ class Mover:
 
     @property
     def _stands_at_zero(self) -> bool:
-        if self._zero or (self._at is not None and self._at.at_zero):
+        if self._at == "Zero" or (isinstance(self._at, Step) and self._at.at_zero):
             return True
-        place_mm = self.line.place_mm
-        zero = zero_mm(self._machine)
+        place_mm, zero = self.line.place_mm, zero_mm(self._machine)
         return place_mm is not None and self.line.controller.is_at(place_mm, zero)
 
     def go(self, step: Step, *, by_hand_first: bool) -> None:
@@ -346,7 +343,7 @@ class Mover:
     def answer(self) -> Future[Triple]:
         """The operator looked at what happened: ready again, if the controller is."""
         with self._lock:
-            self._at, self._zero = None, False
+            self._at = None
         return self.line.answered()
 
     def home(self) -> Future[Triple] | None:
@@ -354,7 +351,7 @@ class Mover:
         with self._lock:
             if not self.line.consent(to_home=True):
                 return None
-            self._at, self._zero = None, False
+            self._at = None
             homed = self.line.home()
         homed.add_done_callback(lambda _: self.release())
         return homed
@@ -378,7 +375,7 @@ class Mover:
         )
 
     def _way_to(self, step: Step) -> list[Triple]:
-        here = self._at if self._at is not None and self._at.place == step.place else None
+        here = self._at if isinstance(self._at, Step) and self._at.place == step.place else None
         if here == step:  # once more: approached anew
             here = None
         if here is None and (origin := came_from(step, self._steps)) is not None:
@@ -389,9 +386,9 @@ class Mover:
         return way_mm(step, here, self._procedure, self._machine)
 
     def _send(self, places: Sequence[Triple], goal: Goal) -> None:
-        began = self._places[-1] if self._at is not None else self.line.place_mm
+        began = self._places[-1] if isinstance(self._at, Step) else self.line.place_mm
         self._from_mm = places[-2] if len(places) > 1 else began
-        self._at, self._zero, self._places = None, False, tuple(places)
+        self._at, self._places = None, tuple(places)
         feed = min(FEED_MM_MIN, self._feed) if goal == "proof" else self._feed
         self._way = self.line.go(list(places), feed)
         self._way.add_done_callback(partial(self._arrived, goal))
@@ -405,9 +402,8 @@ class Mover:
             if motion.exception() is None:
                 for gauge in self._gauges:  # what they showed on the way is no rest
                     gauge.restart_window()
-                self._at = goal if isinstance(goal, Step) else None
-                self._zero = goal == "Zero"
-                if self._zero:
+                self._at = goal
+                if goal == "Zero":
                     if self.proof is not None:
                         self.proof.stands = False
                     self.release()

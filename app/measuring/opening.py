@@ -75,13 +75,6 @@ def open_indicators(plan: Plan) -> Indicators:
     return Indicators(gauges, mover=mover)
 
 
-def first_step(plan: Plan) -> Step | None:
-    """The step that is measured first. Raises RecordError or UsageError."""
-    if plan.continued:
-        return read_record(plan.path).session.next_step()
-    return plan.procedure.steps(plan.machine.geometry(), plan.axes)[0]
-
-
 def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
     """Start the record of a plan, or go on with it. Raises RecordError or UsageError."""
     if plan.continued:
@@ -102,15 +95,15 @@ def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
 class PlanCheck:
     """What an operator looks at before the record of a plan begins.
 
-    ``problem`` is why the indicators did not open, ``gone`` those whose ports are not here, behind
-    them the ``chosen``, to which another port was given: it may be a wrong one. ``spindles`` finds
-    out which is which before the ``first`` step, where hands can push them.
+    ``problem`` is why the indicators did not open, ``absent`` those whose ports are not here,
+    behind them the ones ``elsewhere``, to which another port was given: it may be a wrong one.
+    ``spindles`` finds out which is which before the ``first`` step, where hands can push them.
     """
 
     plan: Plan
     problem: GlidecalError | None = None
-    gone: list[int] = field(default_factory=list)
-    chosen: list[int] = field(default_factory=list)
+    absent: list[int] = field(default_factory=list)
+    elsewhere: list[int] = field(default_factory=list)
     spindles: SpindleCheck | None = None
     first: Step | None = None
 
@@ -121,21 +114,25 @@ class PlanCheck:
         except GlidecalError as problem:
             ports = enumerate(instrument.port for instrument in self.plan.instruments)
             missing = [k for k, port in ports if port_is_gone(port)]
-            self.gone = [*missing, *(k for k in self.chosen if k not in missing)]
+            self.absent = [*missing, *(k for k in self.elsewhere if k not in missing)]
             self.problem = problem
         return None
 
     def find_spindles(self) -> None:
         """The indicators are open. Raises RecordError or UsageError where no step follows."""
-        if not self.plan.simulated:  # no hand can push those spindles
-            self.first = first_step(self.plan)
-            self.spindles = SpindleCheck(self.plan.instruments)
+        if (plan := self.plan).simulated:  # no hand can push those spindles
+            return
+        if plan.continued:
+            self.first = read_record(plan.path).session.next_step()
+        else:
+            self.first = plan.procedure.steps(plan.machine.geometry(), plan.axes)[0]
+        self.spindles = SpindleCheck(plan.instruments)
 
     def fits(self, answer: str, *, opened: bool) -> bool:
         """Whether to begin, try again, choose another port, or exchange both: another one moved."""
         spindles, refused = self.spindles, self.problem is not None
         moved = spindles is not None and spindles.finding is PushResult.OTHER
-        able = {"retry": refused, "port": refused and bool(self.gone), "exchange": moved}
+        able = {"retry": refused, "port": refused and bool(self.absent), "exchange": moved}
         return (able | {"begin": opened}).get(answer, True)
 
     def exchange(self, indicators: Indicators) -> Indicators:
@@ -156,14 +153,14 @@ class PlanCheck:
     @property
     def lost(self) -> tuple[str, str, list[str]]:
         """The first indicator whose port has gone in words, its adapter, and the ports in use."""
-        number, instruments = self.gone[0], self.plan.instruments
+        number, instruments = self.absent[0], self.plan.instruments
         name, adapter = indicator_words(number, instruments[number]), instruments[number].port
         return name, adapter_before(adapter), [instrument.port for instrument in instruments]
 
     def read_at(self, port: str) -> None:
         """Read that indicator at another port."""
-        number, instruments = self.gone[0], list(self.plan.instruments)
-        self.chosen = [*(k for k in self.chosen if k != number), number]
+        number, instruments = self.absent[0], list(self.plan.instruments)
+        self.elsewhere = [*(k for k in self.elsewhere if k != number), number]
         instruments[number] = instruments[number].model_copy(update={"port": port})
         self.plan = replace(self.plan, instruments=tuple(instruments))
 

@@ -155,8 +155,7 @@ class Playback:
             _table_steps(self._events) if self.is_table else fold(record.events[:1]).steps()
         )
         self._by_number = {step.number: step for step in self.steps}
-        self._times_s = [frame.time_s for frame in self.frames]
-        self._speed = SPEEDS.index(_first_speed(self._times_s))
+        self._speed = SPEEDS.index(_first_speed([frame.time_s for frame in self.frames]))
         self.time_s = 0.0  # play time at ×1 since the first event
         self._ticked_s = time.monotonic()
         self.go(0)
@@ -209,8 +208,8 @@ class Playback:
         """Let time pass. Returns whether other events are shown now."""
         if not self._playing:
             return False
-        self.time_s = min(self.time_s + max(elapsed_s, 0.0) * self.speed, self._times_s[-1])
-        frame = bisect_right(self._times_s, self.time_s) - 1
+        self.time_s = min(self.time_s + max(elapsed_s, 0.0) * self.speed, self.frames[-1].time_s)
+        frame = bisect_right(self.frames, self.time_s, key=lambda frame: frame.time_s) - 1
         if frame == self._frame:
             return False
         self._show(frame)
@@ -276,17 +275,11 @@ class Playback:
     @property
     def now(self) -> Step | None:
         """The step just taken; after anything else that changes the order, the one to take."""
-        last = self._last_of_a_step()
+        events = reversed(self._events[: self.position])
+        last = next(event for event in events if not isinstance(event, Noted | Closed))
         if isinstance(last, Reading | Faulted) and last.step in self._by_number:
             return self._by_number[last.step]
         return self.shown.next_step() or (self.steps[-1] if self.steps else None)
-
-    def _last_of_a_step(self) -> Event:
-        """The last event shown that tells something about steps."""
-        at = self.position - 1
-        while isinstance(self._events[at], Noted | Closed):
-            at -= 1
-        return self._events[at]
 
     @property
     def frame(self) -> Frame:
@@ -324,10 +317,11 @@ class Playback:
         moments = tuple(
             (len(last_readings) - k, r.value_mm, r.value_mm) for k, r in enumerate(last_readings, 1)
         )
-        age_s = self._age_s(readings[-1])
-        return Live(
-            _outcome(readings[-1]), age_s, Motion.STABLE, partial(Trace, moments, span_s=0.0)
-        )
+        # line numbers count events from 1
+        shown_in = bisect_left(self.frames, readings[-1].line, key=lambda frame: frame.end)
+        age_s = self.time_s - self.frames[shown_in].time_s
+        trace = partial(Trace, moments, span_s=0.0)
+        return Live(_outcome(readings[-1]), age_s, Motion.STABLE, trace)
 
     def _fault(self, axis: Leg) -> Live | None:
         """The fault of this axis if the take shown last failed."""
@@ -338,11 +332,6 @@ class Playback:
                 fault = Fault(kind, event.text, event.kind)
                 return Live(fault, self.time_s - self.frame.time_s, Motion.FAULT)
         return None
-
-    def _age_s(self, reading: Reading) -> float:
-        """Play time since a reading was shown. Line numbers count events from 1."""
-        shown_in = bisect_left(self.frames, reading.line, key=lambda frame: frame.end)
-        return self.time_s - self._times_s[shown_in]
 
 
 def _first_speed(times_s: Sequence[float]) -> int:

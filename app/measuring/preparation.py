@@ -13,10 +13,8 @@ from app.measuring.indicators import (
     DEFAULT_PROFILE,
     asked_of,
     check_indicators,
-    form_of,
     from_file,
     indicator_of,
-    last_identity,
     last_used,
     simulated_indicators,
 )
@@ -49,7 +47,7 @@ class Preparation:
 
     ``source`` says where these were proposed from: "file", "last", or "" where they were chosen.
     ``fields`` are texts that follow from what was typed; its ``problem`` is that of the machine,
-    ``forgotten`` why nothing is known of what was used last. ``answered`` tells which profiles fit
+    ``forgotten`` why nothing is known of what was used last. ``answers`` tell which profiles fit
     at a port.
     """
 
@@ -59,7 +57,7 @@ class Preparation:
     fields: dict[str, str] = field(default_factory=dict)
     problem: GlidecalError | None = None
     forgotten: GlidecalError | None = None
-    answered: dict[str, str] = field(default_factory=dict)
+    answers: dict[str, str] = field(default_factory=dict)
     offered_for: Machine = field(default_factory=lambda: load_machine(None))
     _proposed_for: Machine | None = None
     _usual: str | None = None
@@ -85,10 +83,8 @@ class Preparation:
         """Offer the machine's usual procedure, by hand or where a controller moves it, or the
         chosen one.
         """
-        procedure, procedure_before = (
-            self.typed.get("procedure"),
-            self._usual or self.offered_for.usual_procedure,
-        )
+        procedure = self.typed.get("procedure")
+        procedure_before = self._usual or self.offered_for.usual_procedure
         self._usual = procedure_of(machine, moving=bool(self.typed["motion"]))
         self.offered_for = machine
         stays = procedure and procedure != procedure_before and procedure in self.procedures
@@ -136,15 +132,16 @@ class Preparation:
         proposals = {"file": from_file(machine.indicator, "the machine file")}
         self._proposed_for = machine
         try:
-            serial_number, place = last_identity(machine.name)
-            proposals["last"] = last_used(machine.name)
-            self.fields["serial"] = machine.serial_number or serial_number
-            self.fields["place"] = machine.place or place
+            last, name = last_used(), machine.name
+            proposals["last"] = last.machines.get(name, ())
+            self.fields["serial"] = machine.serial_number or last.serial_numbers.get(name, "")
+            self.fields["place"] = machine.place or last.places.get(name, "")
         except GlidecalError as problem:
             self.forgotten = problem
         for source, instruments in proposals.items():
             if instruments and not self.source:
-                self.forms, self.source = [*map(form_of, instruments), {}][:2], source
+                forms = [entry.model_dump(mode="json", exclude_none=True) for entry in instruments]
+                self.forms, self.source = [*forms, {}][:2], source
 
     def rehearsal(self) -> Plan:
         """What would be measured; without any indicators, with two. Raises as `plan`."""

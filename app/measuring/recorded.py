@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
@@ -108,23 +108,36 @@ def _stat(path: Path) -> os.stat_result | None:
 def look_at(path: Path) -> SessionFile:
     """The state of one session file."""
     try:
-        if form := form_name(path):
-            return _state_of_form(path, form)
         status = _stat(path)
-        if status is not None and status.st_size > SMALL_BYTES:
+        if form := form_name(path):
+            record = read_record(path, record_form(form))
+            opened = cast("Opened", record.events[0])  # but for what it may verify
+            state = _state_of_form(record)
+        elif status is not None and status.st_size > SMALL_BYTES:
             opened, last = read_ends(path)
-            state = _state_by_ends(path, opened, last)
+            state = _state_by_ends(opened, last)
         else:
             record = read_record(path)
             opened, state = record.opened, _state(record)
-        return _of(state, opened)
     except GlidecalError as problem:
         return SessionFile(path, "unreadable", problem=str(problem))
+    return SessionFile(
+        path,
+        *state,
+        verifies=None if form else opened.verifies,
+        own_form=bool(form),
+        machine=opened.machine.title,
+        day=opened.measured_words(),
+        origin=opened.origin,
+    )
 
 
-def _state_of_form(path: Path, form: str) -> SessionFile:
-    """The file of a record of its own form, read whole; it goes on in the terminal alone."""
-    record = read_record(path, record_form(form))
+State = tuple[str, bool, bool]
+"""Words for it, whether the session can go on, and whether it has no readings at all."""
+
+
+def _state_of_form(record: Record) -> State:
+    """The state of a record of its own form; it goes on in the terminal alone."""
     superseded = {
         number
         for event in record.events
@@ -135,14 +148,7 @@ def _state_of_form(path: Path, form: str) -> SessionFile:
     state = f"{count - len(superseded)} readings, {record.end}"
     if record.end != "closed":
         state += "; go on in the terminal: glidecal run --continue"
-    opened = cast("Opened", record.events[0])  # that of its form has these keys, too
-    return _of(SessionFile(path, state, empty=not count, own_form=True), opened)
-
-
-def _of(file: SessionFile, opened: Opened) -> SessionFile:
-    """The file with the machine and the day of its first line."""
-    machine, day = opened.machine.title, opened.measured_words()
-    return replace(file, machine=machine, day=day, origin=opened.origin)
+    return state, False, not count
 
 
 def check_session(path: Path) -> None:
@@ -150,29 +156,25 @@ def check_session(path: Path) -> None:
     read_record(path, record_form(form_name(path)))
 
 
-def _state_by_ends(path: Path, opened: Opened, last: Sequence[Event]) -> SessionFile:
+def _state_by_ends(opened: Opened, last: Sequence[Event]) -> State:
     """The state of a large record: superseded readings count here, and no line is checked."""
     end = next((event for event in reversed(last) if isinstance(event, Closed | Reading)), None)
     if isinstance(end, Closed):
-        state = f"{counted(end.readings, 'reading')}, closed"
-        return SessionFile(path, state, verifies=opened.verifies)
+        return f"{counted(end.readings, 'reading')}, closed", False, False
     state = f"{counted(end.reading, 'reading')}, not closed" if end else "not closed"
-    can_go_on = opened.procedure is not None
-    return SessionFile(path, state, interrupted=can_go_on, verifies=opened.verifies)
+    return state, opened.procedure is not None, False
 
 
-def _state(record: Record) -> SessionFile:
+def _state(record: Record) -> State:
     session = record.session
     readings = counted(len(session.readings), "reading")
-    verifies = record.opened.verifies
     if record.end == "closed":
-        return SessionFile(record.path, f"{readings}, closed", verifies=verifies)
+        return f"{readings}, closed", False, False
     steps, following = session.steps(), session.next_step()
     if not steps:
-        return SessionFile(record.path, f"{readings}, cut", verifies=verifies)
+        return f"{readings}, cut", False, False
     where = f"interrupted at step {following.number} of {len(steps)}" if following else "not closed"
-    state, empty = f"{readings}, {where}", not session.all_readings
-    return SessionFile(record.path, state, interrupted=True, empty=empty, verifies=verifies)
+    return f"{readings}, {where}", True, not session.all_readings
 
 
 def follow_up(session: SessionFile, among: Sequence[SessionFile]) -> SessionFile | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, count
 from pathlib import Path
 
 from app.measuring.doubts import Doubt, TakenStep, examined, plausible
@@ -120,16 +121,6 @@ class GuidedSession:
             elif self._go is not None:
                 self._go(step)
 
-    def follow_proof(self) -> None:
-        """Go on with a proof of the machine that is under way; what it finds is noted."""
-        if self.mover is not None:
-            self.note(*self.mover.watch())
-
-    def answer_proof(self, *, yes: bool) -> None:
-        """What the operator saw of a carriage that indicators cannot tell."""
-        if self.mover is not None:
-            self.note(*self.mover.answer_proof(yes=yes))
-
     def take(self) -> TakenStep | None:
         """Read every indicator of the present step and write the readings to the disk.
 
@@ -233,9 +224,8 @@ class GuidedSession:
 
     def keep(self, step_taken: TakenStep, reason: str) -> None:
         """Questioned readings count after all."""
-        with self._lock:
-            numbers = tuple(r.reading for r in step_taken.questioned)
-            self._append([Restored(readings=numbers, reason=reason)])
+        numbers = tuple(r.reading for r in step_taken.questioned)
+        self._append([Restored(readings=numbers, reason=reason)])
 
     def answer(self, answer: str, step_taken: TakenStep, reason: str) -> tuple[int, ...]:
         """What the operator says to readings in question; only "keep" lets them count.
@@ -254,12 +244,12 @@ class GuidedSession:
         """The new readings are right, the earlier ones wrong: their step becomes the next one."""
         if step_taken.doubt is Doubt.ODD:  # they count no more as it is
             return
-        with self._lock:
-            latest, earlier = (
-                [r.reading for r in g] for g in (step_taken.readings, step_taken.earlier)
-            )
-            right = Restored(readings=tuple(latest), reason=reason)
-            self._append([right, Superseded(readings=tuple(earlier), reason=reason)])
+        latest, earlier = (
+            tuple(r.reading for r in readings)
+            for readings in (step_taken.readings, step_taken.earlier)
+        )
+        right = Restored(readings=latest, reason=reason)
+        self._append([right, Superseded(readings=earlier, reason=reason)])
 
     @property
     def last_step(self) -> int | None:
@@ -392,8 +382,7 @@ class GuidedSession:
 
     def change(self, change: Changed) -> None:
         """Parts of the machine were moved: every step is measured again, on new set-ups."""
-        with self._lock:
-            self._append([change])
+        self._append([change])
 
     def watch(self, step: Step) -> None:
         """Tell a simulated machine to stand as for this set-up, which is no step of its own."""
@@ -417,8 +406,7 @@ class GuidedSession:
     def note(self, *texts: str) -> None:
         """Remarks for the record."""
         if texts:
-            with self._lock:
-                self._append([Noted(text=text) for text in texts])
+            self._append([Noted(text=text) for text in texts])
 
     def finish(self) -> None:
         """Close the record: complete if every step is done. Raises RecordError."""
@@ -454,18 +442,17 @@ class GuidedSession:
         self.leave()
 
     def _append(self, events: Sequence[Line]) -> None:
-        self._journal.append(*events)
-        self.session = fold(self._journal.events)
+        with self._lock:
+            self._journal.append(*events)
+            self.session = fold(self._journal.events)
 
     def _new_mounting(self, step: Step) -> Mounted:
         names = {name for mounted in self.session.mountings for name in mounted.mounts.values()}
         mounts: dict[Leg, str] = {}
         for axis in step.axes:
-            base = name = default_mount(step.leg, axis, step.place[1])
-            number = 2
-            while name in names:
-                name, number = f"{base}#{number}", number + 1
-            mounts[axis] = name
+            usual = default_mount(step.leg, axis, step.place[1])
+            numbered = chain([usual], (f"{usual}#{number}" for number in count(2)))
+            mounts[axis] = next(name for name in numbered if name not in names)
         over = step.over_plane or None
         return Mounted(leg=step.leg, station=step.station, mounts=mounts, over_plane=over)
 

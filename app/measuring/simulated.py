@@ -54,16 +54,12 @@ def hidden_effect(
     effects = (*known_effects(), *BESIDE_CATALOGUE, *OF_MODELS)
     if effect_id not in {effect.id for effect in effects}:
         raise UsageError("effect", repr(effect_id), ", ".join(dict.fromkeys(x.id for x in effects)))
-    of_it = [
-        c
-        for c in candidates(truth, conditions, effects)
-        if c.id == effect_id and "," not in c.where
-    ]
+    laws = [effect for effect in effects if effect.id == effect_id]
+    of_it = [c for c in candidates(truth, conditions, laws) if "," not in c.where]
     if not of_it:
         raise _not_seen(effect_id)
     here = [c for c in of_it if where in ("", c.where)]
     if not here:  # one direction across a drive, which has a place in a model file, too
-        laws = [effect for effect in effects if effect.id == effect_id]
         alone = single_places(truth, conditions, laws)
         here = [c for c in alone if c.where == where]
     if not here:
@@ -230,15 +226,11 @@ def short_travels(
     procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]
 ) -> list[tuple[Instrument, float, str]]:
     """Indicators whose travel may not do, with the most that is needed in mm, and where."""
-    if procedure.plate is not None or all(
-        instrument_axes.travel_mm is None for instrument_axes in instruments
-    ):
+    if procedure.plate is not None or all(entry.travel_mm is None for entry in instruments):
         return []
     geometry = machine.geometry()
     places: dict[tuple[Touched, float, tuple[Leg, ...]], list[Step]] = {}
-    for step in procedure.steps(
-        geometry, [instrument_axes.axes for instrument_axes in instruments]
-    ):
+    for step in procedure.steps(geometry, [entry.axes for entry in instruments]):
         places.setdefault(step.place, []).append(step)
     tolerance_mm, short = machine.tolerances_mm(), []
     for k, instrument in enumerate(instruments):

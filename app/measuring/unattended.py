@@ -9,7 +9,6 @@ from app.measuring.doubts import TakenStep
 from app.measuring.gauges import Motion
 from app.measuring.indicators import adapter_at
 from app.measuring.moving import REST_S, MoveProposal, Mover
-from app.measuring.proof import Proof
 from app.measuring.session import GuidedSession
 from calib.errors import IndicatorError, MotionError, sentence
 from drivers.exchange import LATEST
@@ -122,9 +121,9 @@ def _go(
             return
         proof = mover.unproved
         if proof is not None and proof.question:
-            guided.answer_proof(yes=saw(proof.question))
+            guided.note(*mover.answer_proof(yes=saw(proof.question)))
         if proof is not None and proof.wrong:
-            raise _not_proved(proof)
+            raise MotionError("machine, not proved", next_step=proof.wrong)
         if (fault_words := lost_words(guided)) is not None:
             _indicators_back(guided, fault_words)
             continue
@@ -136,10 +135,6 @@ def _go(
             raise MotionError("consent", "not given", "a consent to each way of the machine")
         if lost_words(guided) is None:  # else it is asked again when all of them answer
             _consent(guided, mover)
-
-
-def _not_proved(proof: Proof) -> MotionError:
-    return MotionError("machine, not proved", next_step=proof.wrong)
 
 
 def _consent(guided: GuidedSession, mover: Mover) -> None:
@@ -160,7 +155,7 @@ def _wait(guided: GuidedSession, mover: Mover) -> None:
     silences = set[str | None]()
     while True:
         mover.line.alive()
-        guided.follow_proof()
+        guided.note(*mover.watch())
         silences.add(lost_words(guided))
         if mover.proving:
             release_lost(guided)
@@ -170,8 +165,8 @@ def _wait(guided: GuidedSession, mover: Mover) -> None:
             mover.answer().result()
             return
         if mover.interrupted or state is State.STOPPED:
-            if mover.unproved and mover.unproved.wrong:
-                raise _not_proved(mover.unproved)
+            if (proof := mover.unproved) and proof.wrong:
+                raise MotionError("machine, not proved", next_step=proof.wrong)
             next_step = "Continue with: glidecal run --continue"
             raise MotionError("motion", mover.why, next_step=next_step)
         if not mover.under_way and state is not State.STOPPING:
@@ -194,9 +189,9 @@ def _indicators_back(guided: GuidedSession, fault_words: str) -> None:
     for number, gauge in enumerate(guided.gauges):
         adapter = adapter_at(gauge.port) if gauge.adapter else ""
         if adapter != gauge.adapter:
-            name, there = guided.name_of(number), f"adapter {adapter or 'unknown'} at its port"
+            name, device = guided.name_of(number), f"adapter {adapter or 'unknown'} at its port"
             next_step = "Plug the cables in as they were, then: glidecal run --continue"
-            raise IndicatorError(name, there, f"adapter {gauge.adapter}, as before", next_step)
+            raise IndicatorError(name, device, f"adapter {gauge.adapter}, as before", next_step)
 
 
 def _take(guided: GuidedSession, step: Step) -> TakenStep:

@@ -89,7 +89,7 @@ class AlignScreen(Corrections):
 
     def action_choose(self, by: int) -> None:
         """Another screw; one that is watched is finished first."""
-        if self.rails.watching is not None:
+        if self.rails.watching:
             self.say(texts.IS_WATCHED)
             return
         with self.writing():
@@ -104,7 +104,7 @@ class AlignScreen(Corrections):
     @work
     async def action_watch(self) -> None:
         """Begin to watch the chosen screw, or write down where it is now."""
-        if self.rails.watching is not None:
+        if self.rails.watching:
             self._note_move(watched=True)
         elif await self._may_move():
             with self.app.complaining():
@@ -112,8 +112,7 @@ class AlignScreen(Corrections):
 
     @work
     async def action_as_asked(self) -> None:
-        if self.rails.chosen not in self.rails.moved_mm and await self._may_move():
-            self.rails.watching = self.rails.chosen
+        if self.rails.number not in self.rails.moved_mm and await self._may_move():
             self._note_move(watched=False)
 
     def _note_move(self, *, watched: bool) -> None:
@@ -127,7 +126,7 @@ class AlignScreen(Corrections):
 
     def action_again(self) -> None:
         """Measure every step once more; without a move nothing is to be measured."""
-        if self.round is not None and self.round.watching is not None:
+        if self.round is not None and self.round.watching:
             self.say(texts.IS_WATCHED)
         elif self.guided.step() is None:
             self.say(texts.NOTHING_MOVED)

@@ -47,8 +47,7 @@ class DiagnoseScreen(PagedScreen[None]):
     def begin(self) -> None:
         self.diagnosed, adopting = None, self.adopting
         heading = texts.heading_text([path.name for path in adopting.paths], adopting.model)
-        self.begin_to_look(heading, texts.LOOKING)
-        self.look(adopting.diagnose, self._show, texts.problem_text)
+        self.look(heading, texts.LOOKING, adopting.diagnose, self._show, texts.problem_text)
 
     def _show(self, outcome: tuple[SessionDiagnosis, str]) -> None:
         self.diagnosed, adopted = outcome

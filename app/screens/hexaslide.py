@@ -60,8 +60,12 @@ class HexaSlideScreen(PagedScreen[None]):
         """See what another procedure or machine gives; a search of before ends."""
         self._end_search()
         self.request, self.view, self.best_postures, self._conditions = request, None, None, None
-        self.begin_to_look(texts.heading_text(request.machine_file, None), texts.LOOKING)
-        self.look(lambda: look_at(hexaslide_planning(request)), self._show_view, texts.problem_text)
+
+        def view() -> HexaSlideSeen:
+            return look_at(hexaslide_planning(request))
+
+        heading = texts.heading_text(request.machine_file, None)
+        self.look(heading, texts.LOOKING, view, self._show_view, texts.problem_text)
 
     def _show_view(self, view: HexaSlideSeen) -> None:
         self.view, self._drawn_at, self._count = view, 0, view.fewest
@@ -90,10 +94,8 @@ class HexaSlideScreen(PagedScreen[None]):
 
     def _draw_machine(self) -> None:
         assert self.view is not None, "shown with it alone"
-        machine, postures = (
-            self.view.machine,
-            self.best_postures.coordinates if self.best_postures else (),
-        )
+        machine = self.view.machine
+        postures = self.best_postures.coordinates if self.best_postures else ()
         at = postures[self._drawn_at - 1] if self._drawn_at else machine.box.centre
         pair = drawn_machine(machine, at)
         self.put("drawn", texts.drawn_at_text(self._drawn_at, len(postures)), *pair)

@@ -52,8 +52,8 @@ class HexaSlideResultScreen(PagedScreen[None]):
         self.folder = ""
 
     def begin(self) -> None:
-        self.begin_to_look(texts.heading_text(self.path, None), texts.LOOKING)
-        self.look(partial(posture_result, self.path), self._show, texts.problem_text)
+        heading, job = texts.heading_text(self.path, None), partial(posture_result, self.path)
+        self.look(heading, texts.LOOKING, job, self._show, texts.problem_text)
 
     def _show(self, result: PostureResult) -> None:
         self.result = result

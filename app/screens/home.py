@@ -64,17 +64,17 @@ class HomeScreen(MainScreen[None]):
         self._begin(*(event.option.id or "").partition(" ")[::2])
 
     @once("choice")
-    async def _begin(self, what: str, path: str) -> None:
+    async def _begin(self, verb: str, path: str) -> None:
         app = self.app
         opens = {"new": self._form, "demo": self._demonstration}
         opens |= {look.name: look.screen for look in app.looks}
         choice = SessionChoice(self, self._recent, app.read_only)
         with app.complaining():
-            if what in opens:
-                app.push_screen(opens[what]())
-            elif what == "history":
+            if verb in opens:
+                app.push_screen(opens[verb]())
+            elif verb == "history":
                 await self._computed(partial(_history, Path(path), app.looks))
-            elif errand := await choice.errand(what, path):
+            elif errand := await choice.errand(verb, path):
                 await self._do(*errand)
         self.query_one("#question", Static).update(self.question())
 

@@ -25,7 +25,6 @@ from textual.filter import LineFilter
 from textual.geometry import Size
 from textual.notifications import SeverityLevel
 from textual.screen import ModalScreen, Screen, ScreenResultType
-from textual.timer import Timer
 from textual.widget import Widget
 from textual.widgets import Input, OptionList, Static
 
@@ -227,7 +226,6 @@ class HelpDialog(Dialog[None]):
             yield Static(signalled(f"{self._text}\n\n{self.app.keyed('{help.close}')} closes."))
 
 
-ATTEND_S = 0.05
 GO, VIEW = ("measure.go", "g"), ("measure.plot", "v")
 """Their ids in the settings, and the usual key."""
 
@@ -303,7 +301,7 @@ class Glidecal(App[str]):
         self.guided: GuidedSession | None = None
         self._motion_keys = MotionKeys()
         self._cramped = False  # the window is too small, and that was said
-        self._early: Timer | None = None  # for words that came before their screen
+
         self.form: Screen[None] | None = None
         """Of the preparation, as it was left."""
         self._status = Exit.DONE
@@ -447,19 +445,14 @@ class Glidecal(App[str]):
         markup: bool = True,
     ) -> None:
         """Show a message in the line that the screen has for it; nothing lies over a table."""
-        stack = reversed(self.screen_stack)
-        screen = next(
-            (screen_above for screen_above in stack if not isinstance(screen_above, ModalScreen)),
-            None,
-        )
-        if self._early is not None:
-            self._early.stop()  # or it would speak behind these, which are newer
-        if screen is not None and not screen.is_mounted:
-            self._early = self.set_timer(ATTEND_S, lambda: self.notify(message, severity=severity))
-        elif isinstance(screen, MainScreen):
-            screen.say(message, wrong=severity == "error")
-        else:
+        screens = [place for place in self.screen_stack if not isinstance(place, ModalScreen)]
+        screen = screens[-1] if screens else None
+        if not isinstance(screen, MainScreen):
             super().notify(message, severity=severity, markup=False)
+        elif screen.is_mounted:
+            screen.say(message, wrong=severity == "error")
+        else:  # it comes before its screen, which says it as soon as it has lines
+            screen.call_later(screen.say, message, wrong=severity == "error")
 
     def copy(self, text: str) -> None:
         self.copy_to_clipboard(text)

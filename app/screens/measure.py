@@ -13,9 +13,8 @@ from textual.binding import Binding, BindingType
 
 from app.measuring.attended import Press
 from app.measuring.doubts import TakenStep
-from app.measuring.gauges import Live
+from app.measuring.gauges import Live, LostIndicators
 from app.measuring.indicators import propose_again
-from app.measuring.lost import LostIndicators
 from app.measuring.moving import Mover
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession

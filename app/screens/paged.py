@@ -115,16 +115,30 @@ class PagedScreen(MainScreen[ScreenResultType]):
             plot.display = True
             plot.show(chart)
 
-    # without a description Textual makes one of the arguments, every number of a result in words:
-    # seconds, in the thread that draws
-    @work(group="look", exclusive=True, description="look")
-    async def look(
+    def look(
         self,
+        heading: str,
+        text: str,
         job: Callable[[], Answer],
         show: Callable[[Answer], None],
         problem_text: Callable[[GlidecalError], str] = str,
     ) -> None:
-        """Work out apart what the pages show; where it cannot be, they say why."""
+        """Work out apart what the pages show: they say so meanwhile, and why where it cannot be."""
+        self.looking, self.looked = True, False
+        self.head(heading)
+        self.wait(text)
+        self.refresh_bindings()
+        self._work_out(job, show, problem_text)
+
+    # without a description Textual makes one of the arguments, every number of a result in words:
+    # seconds, in the thread that draws
+    @work(group="look", exclusive=True, description="look")
+    async def _work_out(
+        self,
+        job: Callable[[], Answer],
+        show: Callable[[Answer], None],
+        problem_text: Callable[[GlidecalError], str],
+    ) -> None:
         try:
             outcome = await apart(self, job)
         except GlidecalError as problem:
@@ -134,13 +148,6 @@ class PagedScreen(MainScreen[ScreenResultType]):
             self.looking, self.looked = False, True
             show(outcome)
             self.refresh_bindings()
-
-    def begin_to_look(self, heading: str, text: str) -> None:
-        """Say on every page that it is worked out."""
-        self.looking, self.looked = True, False
-        self.head(heading)
-        self.wait(text)
-        self.refresh_bindings()
 
     def wait(self, text: str) -> None:
         """Show the same words on every page, in the place of texts and charts."""

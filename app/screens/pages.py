@@ -132,8 +132,8 @@ def legible(variables: Mapping[str, str]) -> dict[str, str]:
     text, *grounds = (Color.parse(variables[v]) for v in ("foreground", "background", "surface"))
     colours = {}
     for name in COLOURS_OF_WORDS:
-        theirs = Color.parse(variables[name])
-        if theirs.ansi is None:  # else the terminal chooses
-            nearer = legible_on([ground.rgb for ground in grounds], theirs.rgb, text.rgb)
+        shade = Color.parse(variables[name])
+        if shade.ansi is None:  # else the terminal chooses
+            nearer = legible_on([ground.rgb for ground in grounds], shade.rgb, text.rgb)
             colours[name] = Color(*nearer).hex
     return colours

@@ -80,13 +80,13 @@ class IndicatorScreen(FormScreen[Form]):
         Binding("escape", "leave", "Back", id="indicator.back"),
     ]
 
-    def __init__(self, which: str, form: Mapping[str, object], answers: dict[str, str]) -> None:
+    def __init__(self, title: str, form: Mapping[str, object], answers: dict[str, str]) -> None:
         super().__init__()
-        self.heading, self._form, self._answered = which, dict(form), answers
+        self.heading, self._form, self._answers = title, dict(form), answers
         self._trial: ProfileTrial | None = None
 
     def fields(self) -> Iterable[texts.FormField]:
-        return indicator_fields(self._form, self._answered)
+        return indicator_fields(self._form, self._answers)
 
     def on_mount(self) -> None:
         self.summary(texts.TRY_HINT)
@@ -119,8 +119,8 @@ class IndicatorScreen(FormScreen[Form]):
         """Ask the port as each profile does: the operator says that an indicator is there."""
         trial = self._trial = ProfileTrial(self._read())
 
-        def tell(*asked: object) -> None:
-            text = f"{texts.TRYING}\n{trial_text(*asked)}"  # type: ignore[arg-type]
+        def tell(*progress: object) -> None:
+            text = f"{texts.TRYING}\n{trial_text(*progress)}"  # type: ignore[arg-type]
             self.app.call_from_thread(self.summary, text)
 
         try:
@@ -128,7 +128,7 @@ class IndicatorScreen(FormScreen[Form]):
         finally:  # the screen may be gone, and its worker with it
             trial.stop()
         if trial.fitting:  # they stand first, and one of them is taken
-            self._answered[trial.instrument.port] = ", ".join(fit.name for fit in trial.fitting)
+            self._answers[trial.instrument.port] = ", ".join(fit.name for fit in trial.fitting)
             profiles, rows = self.query_one("#profile", Select), texts.profile_rows(trial.fitting)
             profiles.set_options((Content(label), name) for label, name in rows)
             profiles.value = trial.best(self._form.get("profile"))
@@ -180,9 +180,10 @@ class PrepareScreen(FormScreen[None]):
     def summarise(self) -> None:
         """What the form says now; ports may have come or gone on, too."""
         procedures = self.query_one("#procedure", Select)  # first: a screen that goes has none
-        prepared, offered, boxes = self._prepared, self._prepared.offered_for, self.boxes()
+        prepared, boxes = self._prepared, self.boxes()
+        machine_before = prepared.offered_for
         prepared.retype(self.typed())
-        if prepared.offered_for != offered:
+        if prepared.offered_for != machine_before:
             procedures.set_options((Content(name), name) for name in prepared.procedures)
         for name, value in prepared.fields.items():
             boxes[name].value = value
@@ -203,7 +204,7 @@ class PrepareScreen(FormScreen[None]):
 
     def action_choose(self) -> None:
         number = self._which()
-        form, answers = self._prepared.forms[number], self._prepared.answered
+        form, answers = self._prepared.forms[number], self._prepared.answers
         screen = IndicatorScreen(texts.WHICH_INDICATOR[number].label, form, answers)
         self.app.push_screen(screen, partial(self._chosen, number))
 

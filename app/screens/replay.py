@@ -93,9 +93,9 @@ class ReplayScreen(SessionScreen):
                 listing.clear()
             listing.write_lines(lines[listing.line_count :])
 
-    def action_playback(self, what: str, *to: int | str) -> None:
+    def action_playback(self, verb: str, *to: int | str) -> None:
         """Play or pause, step, play faster, or go to a frame, as the playback calls it."""
-        getattr(self.playback, what)(*to)
+        getattr(self.playback, verb)(*to)
         self._show()
 
     @work

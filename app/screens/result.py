@@ -133,8 +133,8 @@ class ResultScreen(PagedScreen[None]):
             self.app.notify(texts.exported_text(folder, paths))
             self._did(Done.EXPORTED)
 
-    def _did(self, done: Done) -> None:
-        self.done.add(done)
+    def _did(self, errand: Done) -> None:
+        self.done.add(errand)
         if not is_left(self):
             self._show_glance()
 

@@ -237,18 +237,6 @@ class SessionView(Vertical, Resting):
         grows = max(len(text), len(str(line.content))) > room or "\n" in text
         line.update(signalled(text), layout=grows)
 
-    def turn_page(self) -> None:
-        """Below the panels the table, then the plot, then larger strip charts in their place.
-
-        Where plot and table stand side by side they are one page.
-        """
-        if self.has_class("stripped"):
-            self.remove_class("stripped")
-        elif self.has_class("plotted") or self.screen.has_class("wide"):
-            self.set_class(True, "stripped").remove_class("plotted")
-        else:
-            self.add_class("plotted")
-
 
 class SessionScreen(MainScreen[None]):
     """A screen with the picture of a session."""
@@ -256,7 +244,17 @@ class SessionScreen(MainScreen[None]):
     view: SessionView
 
     def action_plot(self) -> None:
-        self.view.turn_page()
+        """Below the panels the table, then the plot, then larger strip charts in their place.
+
+        Where plot and table stand side by side they are one page.
+        """
+        view = self.view
+        if view.has_class("stripped"):
+            view.remove_class("stripped")
+        elif view.has_class("plotted") or self.has_class("wide"):
+            view.set_class(True, "stripped").remove_class("plotted")
+        else:
+            view.add_class("plotted")
 
     @work
     async def action_where(self) -> None:
@@ -323,13 +321,10 @@ class LegReviewScreen(Dialog[bool]):
         self.call_after_refresh(self._draw_chart)  # a chart takes long; the words come first
         if self._unattended:
             # how long an unattended demonstration shows the review
-            self.set_timer(1.0, self._go_on)
+            self.set_timer(1.0, partial(self.action_dismiss, False))
 
     def _draw_chart(self) -> None:
         self.query_one(ChartPlot).show(readings_by_posture(self._session, self._step))
-
-    def _go_on(self) -> None:
-        self.dismiss(False)  # not awaited: it is this screen's own handler
 
 
 LOOK_S = 0.1
@@ -373,7 +368,7 @@ class MotionDialog(Dialog[None]):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """No key at first; each only where it is an answer."""
-        return action not in self._mover.unfit_answers and not self._dead
+        return self._mover.fits(action) and not self._dead
 
     @property
     def _dead(self) -> bool:

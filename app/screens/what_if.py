@@ -58,7 +58,6 @@ class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outco
     number = 0
     """Which of several sizes is moved."""
     now: Outcome | None = None
-    looking = True
 
     def __init__(self, heading: str, doubt: str = "") -> None:
         super().__init__()
@@ -67,7 +66,7 @@ class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outco
         self._worked_out: tuple[float, ...] | None = None
 
     def above(self) -> ComposeResult:
-        yield Static(texts.WORKING, id="what-if", classes="above", markup=False)
+        yield Static("", id="what-if", classes="above", markup=False)
 
     def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
         """Up and down are for sizes."""
@@ -86,8 +85,7 @@ class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outco
         """Show it on the pages. Returns words on it."""
 
     def begin(self) -> None:
-        self.head(self._heading)
-        self.look(self.begun, self._begin)
+        self.look(self._heading, texts.WORKING, self.begun, self._begin)
 
     def _begin(self, sizes: Sizes) -> None:
         self.sizes = sizes
@@ -227,7 +225,7 @@ async def tried(
     if not listed:
         screen.app.complain(texts.NOTHING_TO_TRY)
         return None
-    rows = [(each, texts.choice_words(each)) for each in listed]
+    rows = [(effect, texts.choice_words(effect)) for effect in listed]
     choice = await screen.choice(texts.WHICH, rows)
     if choice is None:
         return None

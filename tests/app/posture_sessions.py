@@ -8,9 +8,15 @@ import numpy as np
 
 from app.evaluating.hexaslide_calibration import calibrate_file
 from app.exports.hexaslide import write_calibrated
-from app.measuring.hexaslide import PosturePlan, PostureTaking, measure_simulated
+from app.measuring.hexaslide import PostureTaking, measure_simulated
+from app.version import program
 from protocols.hexaslide import HexaSlideMachine, load_hexaslide
-from protocols.hexaslide_session import load_posture_procedure, read_postures, simulated_truth
+from protocols.hexaslide_session import (
+    PosturesOpened,
+    load_posture_procedure,
+    read_postures,
+    simulated_truth,
+)
 
 TOLERANCE_MM = 0.1
 
@@ -35,8 +41,16 @@ def posture_session(
     stated = load_posture_procedure(procedure)
     if random:
         stated = stated.with_postures(machine.whole().random(random, np.random.default_rng(seed)))
-    plan = PosturePlan(path, machine, "machine.toml", stated, seed=seed, truth=truth)
-    taking = PostureTaking.begin(plan)
+    opened = PosturesOpened(
+        program=program(),
+        origin="simulated",
+        machine=machine,
+        machine_file="machine.toml",
+        procedure=stated,
+        seed=seed,
+        truth=truth,
+    )
+    taking = PostureTaking.begin(path, opened)
     measure_simulated(taking, seed, quiet)
     taking.close()
     return path

@@ -351,7 +351,7 @@ def session(folder: Path, name: str, feed: float, window_s: float) -> dict[str, 
         measure_all(g, bench.agree, lambda _: None)
         took_s = time.monotonic() - began
         faults = wrong(taken(path), bench)
-    pure_s = ways.moving_s + ways.resting_s
+    pure_s = ways.duration_s
     return {
         "steps": len(ways.steps),
         "readings": len(taken(path)),

@@ -48,7 +48,7 @@ async def test_a_screw_is_turned_live(tmp_path: Path) -> None:
         await until(pilot, "a question", lambda: interface.screen is not screen)
         assert len(guided.session.readings) > 0
         await pilot.press("2")
-        await until(pilot, "watching", lambda: screen.round and screen.round.watching == 0)
+        await until(pilot, "watching", lambda: screen.round and screen.round.watching)
         assert guided.session.readings == ()
         for _ in range(10):
             await pilot.press("right")

@@ -12,7 +12,6 @@ from textual.widgets import Input, OptionList, Select
 
 from app.measuring.indicators import (
     RememberedIndicators,
-    last_identity,
     last_used,
     port_is_gone,
     remember,
@@ -204,9 +203,10 @@ async def test_what_was_typed_stays_and_is_judged_once_it_is_typed(twin: TwinPor
     assert (record.opened.operator, record.opened.temperature_c) == ("Ada", 21.5)
     machine = record.opened.machine
     assert (machine.serial_number, machine.place) == ("OG-7", "hall [3]")
-    assert last_identity("orthoglide") == ("OG-7", "hall [3]")
+    assert last_used().serial_numbers["orthoglide"] == "OG-7"
+    assert last_used().places["orthoglide"] == "hall [3]"
     assert "after the crash" in path.read_text(encoding="utf-8")
-    assert last_used("orthoglide") == (instrument,)
+    assert last_used().machines["orthoglide"] == (instrument,)
 
 
 async def test_the_indicators_used_last_are_proposed_and_a_missing_port_is_said() -> None:
@@ -263,7 +263,7 @@ async def test_a_damaged_memory_is_told_and_the_form_goes_on() -> None:
         assert "Choose an indicator" in text(interface, "#summary")
         await pilot.press("f10")
     with pytest.raises(RecordError, match="Remove the file"):
-        last_used("orthoglide")
+        last_used()
 
 
 def test_a_session_that_was_begun_is_remembered_and_a_damaged_memory_does_no_harm(
@@ -277,8 +277,7 @@ def test_a_session_that_was_begun_is_remembered_and_a_damaged_memory_does_no_har
     assert data_path().read_text(encoding="utf-8") == "{"
     data_path().unlink()
     start_session(replace(plan, path=tmp_path / "other.jsonl")).leave()
-    assert last_used(plan.machine.name) == (instrument,)
-    assert last_used("another") == ()
+    assert last_used().machines == {plan.machine.name: (instrument,)}
     remember("another", [SYLVAC])
     stored = RememberedIndicators.model_validate_json(data_path().read_text(encoding="utf-8"))
     assert stored.machines == {plan.machine.name: (instrument,), "another": (SYLVAC,)}

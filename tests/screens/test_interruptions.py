@@ -104,8 +104,7 @@ async def test_an_indicator_goes_on_at_another_port(
     """Its cable is pulled, and its adapter comes back under another name, known by its number."""
     with TwinPort(still_twin(), "tcp") as first, TwinPort(still_twin(), "tcp") as second:
         where = {first.url: "A1"}
-        for module in ("app.measuring.gauges", "app.measuring.lost"):
-            monkeypatch.setattr(f"{module}.adapter_at", lambda port: where.get(port, ""))
+        monkeypatch.setattr("app.measuring.gauges.adapter_at", lambda port: where.get(port, ""))
         monkeypatch.setattr("app.measuring.indicators.adapters", lambda: where)
         monkeypatch.setattr(
             "app.measuring.indicators.serial_ports", lambda: [(port, "USB") for port in where]
@@ -160,8 +159,7 @@ async def test_another_adapter_under_the_old_name_puts_the_session_on_hold(
 ) -> None:
     """Two cables that were pulled may come back with their names exchanged."""
     numbers = ["A1"]
-    for module in ("app.measuring.gauges", "app.measuring.lost"):
-        monkeypatch.setattr(f"{module}.adapter_at", lambda _: numbers[-1])
+    monkeypatch.setattr("app.measuring.gauges.adapter_at", lambda _: numbers[-1])
     first = TwinPort(still_twin(), "tcp")
     interface = Glidecal(CheckScreen(plan_at(first.url, tmp_path)))
     async with interface.run_test(size=SIZE) as pilot:

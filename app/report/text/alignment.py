@@ -103,12 +103,13 @@ def round_text(work: Round) -> str:
     live = work.live_mm()
     for k, shim in enumerate(work.aligned.shims):
         rail, at, towards, by = _cells(shim)
-        moved = live if work.watching == k else work.moved_mm.get(k)
-        as_asked = work.watching == k or k in work.moved_mm
+        is_watched = work.watching and k == work.number
+        moved = live if is_watched else work.moved_mm.get(k)
+        as_asked = is_watched or k in work.moved_mm
         moved_words, to_go = "as asked" if as_asked else "" if shim.needed else "fine", ""
         if as_asked and moved is not None:
             moved_words, to_go = signed(_asked_way(shim, moved)), _to_go(shim, moved)
-        mark = ">" if k == work.chosen else "+" if k in work.moved_mm else " "
+        mark = ">" if k == work.number else "+" if k in work.moved_mm else " "
         lines.append(
             f"{mark} {rail[5:]:<5}{at:>4} mm  {towards:<8}{by:>7} {moved_words:>8} {to_go:>8}"
         )
@@ -125,13 +126,13 @@ def _to_go(shim: Shim, moved_mm: float) -> str:
 
 def screw_text(work: Round) -> str:
     """What to do at the chosen screw."""
-    shim, number = work.shim, work.chosen
+    shim = work.shim
     rail, at, towards, by = _cells(shim)
     axis, leg = LEG_NAMES[shim.towards].upper(), LEG_NAMES[shim.rail].upper()
-    along = work.station(shim) * work.aligned.machine.geometry().leg_length_mm[shim.rail]
-    slope = signed(work.slope_mm(number))
+    along = work.station * work.aligned.machine.geometry().leg_length_mm[shim.rail]
+    slope = signed(work.slope_mm())
     parallel = f"Leg {leg} at Zero: its foot {slope} mm along {axis} from its tool end."
-    if work.watching == number:
+    if work.watching:
         moved = work.live_mm()
         to_go = "nothing is shown" if moved is None else f"{_to_go(shim, moved)} mm to go"
         return (
@@ -140,7 +141,7 @@ def screw_text(work: Round) -> str:
         )
     if not shim.needed:
         do = "As near as a turn would make it: leave it. {align.down}: the next one."
-    elif not work.watchable(shim):
+    elif not work.watchable:
         do = "No turn of this screw shows at Zero: turn it by the number, then {align.asked}."
     else:
         place = f"leg {leg} along {axis}, {along:.0f} mm from the tool end"

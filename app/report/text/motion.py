@@ -43,7 +43,7 @@ def _limits_text(plan: Plan, remarks: tuple[str, ...]) -> str:
     limits, motion = limits_of(plan.machine), plan.machine.motion or MotionLimits()
     places = [step.place for step in ways.steps]
     set_ups = 1 + sum(place != next_place for place, next_place in pairwise(places))
-    minutes = (ways.moving_s + ways.resting_s) / 60.0
+    minutes = ways.duration_s / 60.0
     unnamed = plan.motion and plan.machine.procedure is None
     return paragraphs(
         f"Procedure {SELF_MOVING}: the usual one where a machine moves itself and none is named."

@@ -201,7 +201,7 @@ def adapter_lines(instruments: Sequence[Instrument]) -> list[str]:
 
 def refused_text(check: PlanCheck) -> str:
     """Why the indicators did not open; for those whose port has gone where they are now."""
-    choose = "{check.port} chooses another port, " if check.gone else ""
+    choose = "{check.port} chooses another port, " if check.absent else ""
     again = f"{choose}{{check.retry}} tries again, {{check.back}} goes back."
     return paragraphs([str(check.problem)], adapter_lines(check.plan.instruments), [again])
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from app.measuring.doubts import Doubt, TakenStep
-from app.measuring.lost import LostNews
+from app.measuring.gauges import LostNews
 from app.report.text.session import cycle_words, step_name
 from app.report.text.tables import signed, uncertain
 from calib.errors import sentence

@@ -15,10 +15,11 @@ from tempfile import TemporaryDirectory
 
 from app.evaluating.hexaslide_calibration import calibrate_file
 from app.exports.hexaslide import calibrated_files
-from app.measuring.hexaslide import PosturePlan, import_postures
+from app.measuring.hexaslide import import_postures
 from protocols.hexaslide import HexaSlideMachine, load_hexaslide, machine_like
 from protocols.hexaslide_session import SimulatedPostures, commands, load_posture_procedure
 from protocols.hexaslide_table import empty_table
+from tests.app.commands.posture_sessions import opened
 from tests.conftest import ROOT
 
 FOLDER = ROOT / "sample_sessions" / "hexaslide"
@@ -47,9 +48,7 @@ def main(folder: Path = FOLDER) -> None:
     (folder / "before.csv").write_text(before, encoding="utf-8")
     with TemporaryDirectory() as scratch:
         session, calibrated = Path(scratch, "s.jsonl"), Path(scratch, "m.toml")
-        procedure = load_posture_procedure("position")
-        plan = PosturePlan(session, example, "hexaslide-h60.toml", procedure)
-        import_postures(folder / "before.csv", plan)
+        import_postures(folder / "before.csv", session, opened("position"))
         files = calibrated_files(calibrate_file(session, None, 0.0), None)
         calibrated.write_text(str(files["machine.toml"]), encoding="utf-8")
         after = filled_in(load_hexaslide(calibrated), truth, SEED + 1)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from app.measuring.hexaslide import PosturePlan, PostureTaking, measure_simulated
+from app.measuring.hexaslide import PostureTaking, measure_simulated
+from app.version import program
 from protocols.hexaslide import load_hexaslide
-from protocols.hexaslide_session import load_posture_procedure, read_postures
+from protocols.hexaslide_session import PosturesOpened, load_posture_procedure, read_postures
 
 Rows = list[list[str]]
 IMPORT = ("import", "--machine", "hexaslide", "--protocol")
@@ -17,13 +18,19 @@ def quiet(_words: str) -> None:
     """Nothing is said."""
 
 
-def plan(path: Path, procedure: str, seed: int | None = None) -> PosturePlan:
-    posture_procedure = load_posture_procedure(procedure)
-    return PosturePlan(path, load_hexaslide(), "hexaslide-h60.toml", posture_procedure, seed=seed)
+def opened(procedure: str, seed: int | None = None) -> PosturesOpened:
+    return PosturesOpened(
+        program=program(),
+        origin="measured" if seed is None else "simulated",
+        machine=load_hexaslide(),
+        machine_file="hexaslide-h60.toml",
+        procedure=load_posture_procedure(procedure),
+        seed=seed,
+    )
 
 
 def simulated(path: Path, procedure: str, seed: int) -> Path:
-    taking = PostureTaking.begin(plan(path, procedure, seed))
+    taking = PostureTaking.begin(path, opened(procedure, seed))
     measure_simulated(taking, seed, quiet)
     return path
 

@@ -13,7 +13,6 @@ import signal
 import sys
 import time
 import tomllib
-from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -23,7 +22,6 @@ import pytest
 from app.evaluating.hexaslide_calibration import calibrate_file, verify_sessions
 from app.evaluating.hexaslide_comparison import compare_postures
 from app.measuring.hexaslide import (
-    PosturePlan,
     PostureTaking,
     import_postures,
     measure_simulated,
@@ -41,6 +39,7 @@ from protocols.hexaslide_session import (
     POSTURE_FORM,
     PROCEDURES,
     PostureSession,
+    PosturesOpened,
     SimulatedPostures,
     commands,
     procedure_names,
@@ -50,7 +49,7 @@ from protocols.hexaslide_session import (
 from protocols.journal import write_whole
 from protocols.record import Record
 from tests.app.cli import glidecal, refused
-from tests.app.commands.posture_sessions import IMPORT, plan, quiet, simulated, table, write
+from tests.app.commands.posture_sessions import IMPORT, opened, quiet, simulated, table, write
 from tests.conftest import LONG, ROOT, first_quick
 
 KILLED_SEED = 6
@@ -136,7 +135,7 @@ def test_diagnose_names_the_posture_that_was_taken_wrong(pose: Path, tmp_path: P
     rows = table(tmp_path / "t.csv", pose)
     rows[6][8] = repr(float(rows[6][8]) + 1.0)
     write(tmp_path / "t.csv", rows)
-    import_postures(tmp_path / "t.csv", plan(tmp_path / "s.jsonl", "pose-forward"))
+    import_postures(tmp_path / "t.csv", tmp_path / "s.jsonl", opened("pose-forward"))
     run = glidecal("diagnose", tmp_path / "s.jsonl")
     assert run.status == 0, run.err
     text = " ".join(run.out.split())
@@ -184,7 +183,7 @@ def test_each_of_two_sessions_is_read_once_and_a_cut_one_is_said(
 
 def test_a_reading_that_is_kept_never_ends_the_session(tmp_path: Path) -> None:
     """Before: it ended where no machine has both postures, with status 5."""
-    taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))
+    taking = PostureTaking.begin(tmp_path / "s.jsonl", opened("position"))
     operator = SimulatedPostures(load_hexaslide(), taking.commands, 8)
     first = operator.typed(1, 0)
     taking.take(first)
@@ -203,7 +202,7 @@ def test_a_reading_that_is_kept_never_ends_the_session(tmp_path: Path) -> None:
 
 def test_a_reading_that_is_taken_again_is_forgotten(tmp_path: Path) -> None:
     """Before: the right one departed from the wrong one that it replaces."""
-    taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))
+    taking = PostureTaking.begin(tmp_path / "s.jsonl", opened("position"))
     operator = SimulatedPostures(load_hexaslide(), taking.commands, 8)
     taking.take(operator.typed(1, 0))
     x, y, z = operator.typed(2, 0).split()
@@ -220,7 +219,7 @@ def test_a_reading_that_is_taken_again_is_forgotten(tmp_path: Path) -> None:
 
 def test_what_departs_is_questioned_and_explained(tmp_path: Path) -> None:
     """Two sliders exchanged, the platform left in the posture before, a slip of the finger."""
-    taking = PostureTaking.begin(plan(tmp_path / "s.jsonl", "position"))
+    taking = PostureTaking.begin(tmp_path / "s.jsonl", opened("position"))
     operator = SimulatedPostures(load_hexaslide(), taking.commands, 8)
     for number in range(1, 16):
         taking.take(operator.typed(number, 0))
@@ -268,7 +267,7 @@ def test_good_sessions_are_not_questioned(tmp_path: Path) -> None:
 def test_forty_kills_lose_nothing(tmp_path: Path) -> None:
     """What was told is on the disk, and what is there is what an undisturbed session has."""
     path, chance = tmp_path / "k.jsonl", random.Random(4)
-    taking = PostureTaking.begin(killed(tmp_path / "whole.jsonl"))
+    taking = PostureTaking.begin(tmp_path / "whole.jsonl", killed())
     measure_simulated(taking, KILLED_SEED, quiet)
     reports: set[str] = set()
     processes = multiprocessing.get_context("forkserver")
@@ -298,17 +297,17 @@ def test_forty_kills_lose_nothing(tmp_path: Path) -> None:
     ]
 
 
-def killed(path: Path) -> PosturePlan:
+def killed() -> PosturesOpened:
     """The fewest that show all a constraint link shows; in most of forty lives one is measured."""
-    request = plan(path, "constraint-link", KILLED_SEED)
-    postures = commands(request.machine, request.procedure).procedure.in_metres()[:48]
-    return replace(request, procedure=request.procedure.with_postures(postures))
+    whole = opened("constraint-link", KILLED_SEED)
+    postures = commands(whole.machine, whole.procedure).procedure.in_metres()[:48]
+    return whole.model_copy(update={"procedure": whole.procedure.with_postures(postures)})
 
 
 def _measured(path: Path, tells: Connection) -> None:
     """A session is begun or gone on with, as ``run`` does; each reading waits to be heard."""
     begun = path.exists() and path.stat().st_size > 0
-    taking = PostureTaking.resume(path) if begun else PostureTaking.begin(killed(path))
+    taking = PostureTaking.resume(path) if begun else PostureTaking.begin(path, killed())
 
     def say(words: str) -> None:
         tells.send(words)
@@ -492,7 +491,7 @@ def test_a_replay_shows_all_digits(pose: Path) -> None:
 
 def _imported(pose: Path, folder: Path) -> Path:
     table(folder / "i.csv", pose)
-    import_postures(folder / "i.csv", plan(folder / "i.jsonl", "pose-forward"))
+    import_postures(folder / "i.csv", folder / "i.jsonl", opened("pose-forward"))
     return folder / "i.jsonl"
 
 

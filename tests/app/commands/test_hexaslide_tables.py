@@ -16,7 +16,7 @@ from app.measuring.hexaslide import import_postures
 from calib.errors import RecordError
 from protocols.hexaslide_session import read_postures
 from tests.app.cli import glidecal, refused
-from tests.app.commands.posture_sessions import IMPORT, Rows, plan, simulated, table, write
+from tests.app.commands.posture_sessions import IMPORT, Rows, opened, simulated, table, write
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_units_stand_in_the_second_row(pose: Path, tmp_path: Path) -> None:
         row[10] = repr(float(np.radians(float(row[10]))))
         row[11] = repr(1000.0 * float(np.radians(float(row[11]))))
     write(tmp_path / "t.csv", rows)
-    session, odd = import_postures(tmp_path / "t.csv", plan(tmp_path / "s.jsonl", "pose-forward"))
+    session, odd = import_postures(tmp_path / "t.csv", tmp_path / "s.jsonl", opened("pose-forward"))
     assert odd == ()
     original, _ = read_postures(pose)
     for reading, origin in zip(session.readings, original.readings, strict=True):
@@ -68,7 +68,7 @@ def test_rows_that_were_copied_are_named(pose: Path, tmp_path: Path) -> None:
     """All counted twice the noise looks smaller by the root of two: nobody reads so often alike."""
     rows = table(tmp_path / "t.csv", pose)
     write(tmp_path / "t.csv", [*rows, *rows[2:], rows[4]])
-    session, odd = import_postures(tmp_path / "t.csv", plan(tmp_path / "s.jsonl", "pose-forward"))
+    session, odd = import_postures(tmp_path / "t.csv", tmp_path / "s.jsonl", opened("pose-forward"))
     assert len(session.readings) == 33
     assert odd == (
         "lines with all numbers of an earlier one: 19, 20, 21, 22, 23, 24, 25, 26 …; each is used "
@@ -78,12 +78,12 @@ def test_rows_that_were_copied_are_named(pose: Path, tmp_path: Path) -> None:
 
 def test_a_table_has_a_posture_or_more(pose: Path, tmp_path: Path) -> None:
     rows = table(tmp_path / "t.csv", pose)
-    planned = plan(tmp_path / "s.jsonl", "pose-forward")
+    path = tmp_path / "s.jsonl"
     write(tmp_path / "t.csv", rows[:3])
-    assert len(import_postures(tmp_path / "t.csv", planned)[0].readings) == 1
+    assert len(import_postures(tmp_path / "t.csv", path, opened("pose-forward"))[0].readings) == 1
     write(tmp_path / "t.csv", rows[:2])
     with pytest.raises(RecordError, match=r"2 rows\. Allowed: a header, units, and postures"):
-        import_postures(tmp_path / "t.csv", planned)
+        import_postures(tmp_path / "t.csv", path, opened("pose-forward"))
 
 
 def _cell(line: int, column: int, text: str) -> Callable[[Rows], None]:
@@ -180,7 +180,7 @@ def test_semicolons_stand_beside_decimal_points_and_commas(
     lines = [";".join(cell.replace(".", decimal) for cell in row) for row in rows]
     (tmp_path / names[1]).write_text("# of the tracker, by hand\n" + "\n".join(lines))
     plain, german = (
-        import_postures(tmp_path / name, plan(tmp_path / f"{name}.jsonl", "pose-forward"))[0]
+        import_postures(tmp_path / name, tmp_path / f"{name}.jsonl", opened("pose-forward"))[0]
         for name in names
     )
     assert [(r.sliders_mm, r.values) for r in german.readings] == [
@@ -192,7 +192,7 @@ def test_one_value_that_is_off_by_little_is_told_and_kept(pose: Path, tmp_path: 
     rows = table(tmp_path / "t.csv", pose)
     rows[4][7] = repr(float(rows[4][7]) + 10.0)
     write(tmp_path / "t.csv", rows)
-    session, odd = import_postures(tmp_path / "t.csv", plan(tmp_path / "s.jsonl", "pose-forward"))
+    session, odd = import_postures(tmp_path / "t.csv", tmp_path / "s.jsonl", opened("pose-forward"))
     assert len(session.readings) == 16
     assert len(odd) == 1
     assert odd[0].startswith("line 5, ")
@@ -211,7 +211,7 @@ def test_one_posture_read_often_teaches_nothing(pose: Path, tmp_path: Path) -> N
         for noise in np.hstack([places, turns]).tolist()
     ]
     write(tmp_path / "t.csv", [*rows[:2], *again])
-    session, _ = import_postures(tmp_path / "t.csv", plan(tmp_path / "s.jsonl", "pose-forward"))
+    session, _ = import_postures(tmp_path / "t.csv", tmp_path / "s.jsonl", opened("pose-forward"))
     assert len(session.readings) == 24
     assert "found 1. Allowed: 9 or more" in refused(5, "solve", tmp_path / "s.jsonl")
     diagnosis = glidecal("diagnose", tmp_path / "s.jsonl").out

@@ -14,7 +14,7 @@ import pytest
 
 from app.evaluating.comparison import compare_files, verify_files
 from app.evaluating.solution import solve_files
-from app.measuring.aligning import Round, align_session
+from app.measuring.aligning import Round, Watch, align_session
 from app.measuring.indicators import simulated_indicators
 from app.measuring.opening import start_session
 from app.measuring.plan import QUICK_INTERVAL_S, Plan, aligning, plan_to_continue
@@ -59,10 +59,11 @@ def measured(path: Path) -> Iterator[tuple[GuidedSession, Round]]:
 
 def turn(guided: GuidedSession, work: Round, number: int, by_mm: float) -> None:
     shim = work.aligned.shims[number]
-    step = work.watch_step(shim)
+    work.number = number
+    step = work.watch_step
     guided.watch(step)
     time.sleep(0.3)
-    assert work.start(number)
+    assert work.watch() is Watch.BEGUN
     assert guided.session.readings == ()  # whatever happens from here on
     assert guided.turn is not None
     guided.turn(RailMoved.by_shim(shim, by_mm), step)
@@ -78,7 +79,6 @@ def test_a_round_of_turning_and_measuring(tmp_path: Path) -> None:
     with measured(path) as (guided, work):
         before = max(range(8), key=lambda k: abs(work.aligned.shims[k].move_mm))
         shim = work.aligned.shims[before]
-        work.chosen = before
         turn(guided, work, before, shim.move_mm)
         assert work.live_mm() == pytest.approx(shim.move_mm, abs=0.05)  # scatter over the lever
         assert f"> {'xyz'[shim.rail].upper()}" in round_text(work)
@@ -120,7 +120,7 @@ def test_nothing_from_before_holds_after(tmp_path: Path) -> None:
     with start_session(plan(later)) as guided:
         measure(guided)
         work = Round(guided, align_session(guided.session, "x"))
-        work.watching = 0
+        work.number = 0
         work.done(watched=False)
         measure(guided)
         guided.finish()
@@ -156,7 +156,7 @@ def test_the_name_in_the_machine_file_tells_it_too(tmp_path: Path) -> None:
 def test_a_simulated_machine_stays_as_it_was_moved(tmp_path: Path) -> None:
     path = tmp_path / "s.jsonl"
     with measured(path) as (guided, work):
-        work.watching = 5
+        work.number = 5
         work.done(watched=False)
         shim = work.aligned.shims[5]
         guided.leave()

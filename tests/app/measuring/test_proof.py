@@ -262,7 +262,7 @@ def test_a_stop_in_the_middle_proves_nothing_and_the_carriage_begins_anew(tmp_pa
             measure_all(guided, operator.agree, lambda _: None, operator.saw)
         assert len(twin.moves) == 1
         assert mover.state is State.STOPPED
-        guided.follow_proof()
+        guided.note(*mover.watch())
         proposal = mover.proposal
         assert proposal is not None
         assert proposal.proof is not None
@@ -270,9 +270,9 @@ def test_a_stop_in_the_middle_proves_nothing_and_the_carriage_begins_anew(tmp_pa
         assert dist(start, bench.axes.at_mm) < MOST_MM
         while (proof := mover.unproved) is not None:
             mover.line.alive()
-            guided.follow_proof()
+            guided.note(*mover.watch())
             if proof.question:
-                guided.answer_proof(yes=True)
+                guided.note(*mover.answer_proof(yes=True))
             if proof is mover.unproved:
                 mover.consent()
             time.sleep(0.01)

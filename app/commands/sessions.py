@@ -25,6 +25,7 @@ from app.machines.options import (
     Sessions,
     Simulation,
     argument,
+    check_ending,
     figure,
     file,
     machine_option,
@@ -120,6 +121,7 @@ def import_table(
     family = family_of(name)
     options = options_of(context, family, f"the machine {name}", machine_options)
     there([] if template else source)
+    check_ending(output, ".jsonl")  # other files of a folder are no sessions
     if family.sessions is not None:
         _check_postures(context, name, source)
         _refuse_sessions([] if template else source)

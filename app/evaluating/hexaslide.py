@@ -68,6 +68,7 @@ def posture_entry(path: Path, effects: bool) -> PostureEntry:
     )
     try:
         source = session.measurements()
+        table = source.digest() if opened.origin == "imported" else ""
         result = calibrated(path.name, source, 0.0)
         causes = _named(source) if effects else None
     except GlidecalError as problem:
@@ -79,6 +80,7 @@ def posture_entry(path: Path, effects: bool) -> PostureEntry:
             "bound_mm": None if bound_m is None else 1000.0 * bound_m,
             "decision": None if tolerance_mm is None else decided(result, tolerance_mm),
             "effects": causes,
+            "table": table,
             "problem": record.unfinished.removeprefix(f"{path.name}: "),
         }
     )

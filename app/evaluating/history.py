@@ -19,6 +19,7 @@ from typing import TypeVar
 
 from pydantic import ValidationError
 
+from app.evaluating.loading import table_of
 from app.evaluating.posture_history import (
     PastEntry,
     PastSessions,
@@ -40,7 +41,7 @@ from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
 from protocols.session import Session
 
-RESULTS = 11
+RESULTS = 12
 """Number of the solver's results: it is raised when sessions give other ones, or an `Entry` says
 more. What the index remembers under another number is worked out again.
 """
@@ -243,12 +244,19 @@ def _of_entries(
     waiting: int,
 ) -> History:
     usable: list[tuple[Path, AnyEntry]] = []
+    path_by_table: dict[tuple[str, str], Path] = {}
     for path in paths:
         entry, name = entries.get(path), path.relative_to(folder)
         if entry and entry.problem:
             problem_by_path[path] = f"{name}: {entry.problem}"
-        if entry and entry.has_result and not entry.unfinished:
+        if not (entry and entry.has_result) or entry.unfinished:
+            continue
+        first_path = path_by_table.setdefault((entry.name, entry.table or f"{path}"), path)
+        if first_path == path:
             usable.append((name, entry))
+        else:
+            first_name = first_path.relative_to(folder)
+            problem_by_path[path] = f"{name}: the same readings as {first_name}, used once."
     of_legs = [(name, entry) for name, entry in usable if isinstance(entry, Entry)]
     of_postures = [(name, entry) for name, entry in usable if isinstance(entry, PostureEntry)]
     return History(
@@ -330,6 +338,7 @@ def _entry_of(path: Path, content: bytes, *, effects: bool) -> Entry:
         unfinished=bool(record.unfinished),
         temperature_c=opened.temperature_c,
         verifies=opened.verifies,
+        table=_digest_of_table(session) if opened.origin == "imported" else "",
     )
     try:
         entered = solve_sessions([session]).correction
@@ -355,6 +364,10 @@ def _entry_of(path: Path, content: bytes, *, effects: bool) -> Entry:
             "problem": record.unfinished.removeprefix(f"{path.name}: "),
         }
     )
+
+
+def _digest_of_table(session: Session) -> str:
+    return hashlib.sha256(repr(table_of(session)).encode()).hexdigest()
 
 
 def _named(session: Session) -> tuple[str, ...]:

@@ -116,10 +116,15 @@ def may_replace(force: bool, *targets: Path | None) -> bool:
     return force
 
 
-def may_write(output: Path | None, suffix: str, *, force: bool) -> bool:
-    """Check a target like `may_replace`. Raises UsageError for a name that does not end so."""
+def check_ending(output: Path | None, suffix: str) -> None:
+    """Raises UsageError for the name of a file to write that does not end so."""
     if output is not None and output.name != "-" and output.suffix != suffix:
         raise UsageError("--output", f"{output}", f"a path that ends with {suffix}")
+
+
+def may_write(output: Path | None, suffix: str, *, force: bool) -> bool:
+    """Check a target like `check_ending` and `may_replace`."""
+    check_ending(output, suffix)
     return may_replace(force, output)
 
 

@@ -22,7 +22,6 @@ from app.machines.options import (
     MacroName,
     PrintableRadius,
     Protocol,
-    RunRequest,
     Seed,
     argument,
     figure,
@@ -122,11 +121,12 @@ def run(
     if family.sessions is not None:
         if wrong := typed(context, OF_INDICATORS["run"]):
             raise UsageError(wrong, f"the machine {family.name}", "machines read on their legs")
-        running = RunRequest(
-            *(machine, protocol, output, resume, operator, temperature, note, seed),
-            *(simulated, dry_run, tuple(indicator or ())),
+        seed_of_machine = seed if simulated else None
+        family.sessions.run(
+            *(machine, protocol, output, resume, operator, temperature, note, seed_of_machine),
+            *(dry_run, indicator or ()),
+            **options,
         )
-        family.sessions.run(running, options, say)
         return
     _check_macro(context)
     if motion is not None:
@@ -433,8 +433,8 @@ def align(
             text = machine_text(aligned.as_it_lies, lines_of_drives(session.name))
             write_files(machine_file_out, {"": text}, replace=may)
             say(f"written: {machine_file_out}")
-        report = partial(AlignmentReport.of, session.name, aligned)
-        typer.echo(Answer(lambda: aligned_text(aligned), report).shown(as_json=as_json))
+        answer = Answer(aligned, aligned_text, partial(AlignmentReport.of, session.name))
+        typer.echo(answer.shown(as_json=as_json))
         return
     for name, is_given in (
         ("--machine-file-out", machine_file_out is not None),

@@ -18,12 +18,10 @@ from app.machines.options import (
     Answer,
     AsJson,
     Force,
-    ImportRequest,
     Output,
     Protocol,
     Seed,
     Sessions,
-    Simulation,
     argument,
     check_ending,
     figure,
@@ -66,7 +64,7 @@ def simulate(
     name = machine or USUAL_MACHINE
     family = family_of(name)
     options = options_of(context, family, f"the machine {name}", machine_options)
-    family.simulate(Simulation(output, machine, seed, force), options, say)
+    family.simulate(output, machine, seed, force, **options)
 
 
 @with_options_of_machines
@@ -125,9 +123,11 @@ def import_table(
     if family.sessions is not None:
         _check_postures(context, name, source)
         _refuse_sessions([] if template else source)
-        remarks, day = tuple(remark or ()), _day(measured_on)
-        request = ImportRequest(source[0], output, machine, protocol, template, remarks, day, force)
-        family.sessions.imported(request, options, say)
+        family.sessions.imported(
+            *(source[0], output, machine, protocol, template),
+            *(remark or (), _day(measured_on), force),
+            **options,
+        )
     elif template:
         _write_template(source, machine, protocol, force=force)
     else:
@@ -396,7 +396,7 @@ def replay(
     if verbs is not None and (headless or as_json):
         if len(session) > 1:
             raise UsageError("replay of postures", f"{len(session)} sessions", "one session")
-        typer.echo(verbs.replayed(session[0], say).shown(as_json=as_json))
+        typer.echo(verbs.replayed(session[0]).shown(as_json=as_json))
         return
     if not headless and not as_json:
         if served:  # a page of glidecal serve: no terminal, and only to look at
@@ -418,7 +418,7 @@ def replay(
     if record.unfinished:
         say(f"glidecal: {record.unfinished}")
     report = ReplayReport.of(record)
-    typer.echo(Answer(lambda: replay_text(report), lambda: report).shown(as_json=as_json))
+    typer.echo(Answer(report, replay_text, lambda report: report).shown(as_json=as_json))
 
 
 def _end_with_the_server() -> None:

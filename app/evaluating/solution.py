@@ -581,7 +581,7 @@ def decided_in(off: ToolOff, frame: Frame, tolerance_mm: float) -> Decision:
     return decide(off.least_in(frame), off.bound_in(frame), tolerance_mm)
 
 
-def monte_carlo(result: SessionSolution, sessions: int, seed: int) -> MonteCarlo:
+def monte_carlo_of(result: SessionSolution, sessions: int, seed: int) -> MonteCarlo:
     """Sessions like this one on machines like this one, identified as this one was.
 
     All indicators scatter alike there; with a coarse display the machines differ by some steps. A

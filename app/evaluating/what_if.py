@@ -284,11 +284,10 @@ def what_if(
     try:
         _ = outcome.result, outcome.work_out()  # what cannot be worked out is said here
     except UnreachablePosture as problem:
-        sizes = ", ".join(
-            f"{value:g} {unit}" for value, unit in zip(values, outcome.units, strict=True)
-        )
-        allowed = "a size with which the legs of this machine still meet"
-        raise UsageError(f"size of {effect}", sizes, allowed) from problem
+        pairs = zip(values, outcome.units, strict=True)
+        sizes = ", ".join(f"{value:g} {unit}" for value, unit in pairs)
+        limit = "a size with which the legs of this machine still meet"
+        raise UsageError(f"size of {effect}", sizes, limit) from problem
     return outcome
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -233,7 +234,8 @@ def test_a_size_beyond_all_measure_is_the_size_that_is_refused(session: glidecal
 
 
 def test_a_size_may_be_a_number_of_numpy(session: glidecal.Session) -> None:
-    for size in (np.array(0.1), np.float64(0.1), np.array([0.1])):
+    sizes: tuple[Any, ...] = (np.array(0.1), np.float64(0.1), np.array([0.1]))
+    for size in sizes:
         assert glidecal.what_if(session, effect="backlash:all", size=size).values == (0.1,)
 
 

@@ -70,7 +70,7 @@ def diagnose(
         session = the_session(context, sessions, OF_INDICATORS)
         may = adopt == model or may_replace(force, adopt)
         answer = verbs.diagnosed(session, model, adopt, candidate, may)
-        typer.echo(answer.shown(as_json=as_json))
+        answer.show(as_json=as_json)
         return
     from app.evaluating import diagnosis as evaluated
     from app.evaluating.diagnosis import diagnose_files
@@ -136,7 +136,7 @@ def _show(
 
         return DiagnosisReport.of(DiagnosisResults(diagnosed, reach, adopted))
 
-    typer.echo(Answer(diagnosed, text, document).shown(as_json=as_json))
+    Answer(diagnosed, text, document).show(as_json=as_json)
 
 
 def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> None:
@@ -147,8 +147,7 @@ def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> No
 
     with working("Comparing effects"):
         aliases = alias_map(name, known_effects(), machine)
-    answer = Answer(aliases, alias_text, AliasReport.of)
-    typer.echo(answer.shown(as_json=as_json))
+    Answer(aliases, alias_text, AliasReport.of).show(as_json=as_json)
 
 
 def model(

@@ -78,7 +78,7 @@ def identifiability(
         from app.screens.interface import open_screen
 
         raise typer.Exit(open_screen(answer.screen(), LOOKS))
-    typer.echo(answer.shown(as_json=as_json))
+    answer.show(as_json=as_json)
 
 
 @with_options_of_machines
@@ -119,7 +119,7 @@ def postures(
     options = options_of(context, family, f"the machine {machine}", machine_options)
     question = machine, procedure, machine_file_of(machine, NAMES, machine_file)
     search = count, criterion or family.criterion, seed, starts, output, force
-    typer.echo(family.postures(*question, *search, **options).shown(as_json=as_json))
+    family.postures(*question, *search, **options).show(as_json=as_json)
 
 
 @with_options_of_machines
@@ -140,7 +140,7 @@ def plan(
     family, propose = family_with("plan", machine)
     options = options_of(context, family, f"the machine {machine}", machine_options)
     answer = propose(machine, [*(sessions or ()), *(session or ())], **options)
-    typer.echo(answer.shown(as_json=as_json))
+    answer.show(as_json=as_json)
 
 
 def workspace(
@@ -162,4 +162,4 @@ def workspace(
 ) -> None:
     """Where the tool can be. How the drives move it there."""
     _, name = family_with("workspace", machine)
-    typer.echo(name(machine, limit, at).shown(as_json=as_json))
+    name(machine, limit, at).show(as_json=as_json)

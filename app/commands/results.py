@@ -74,7 +74,7 @@ def solve(
         machine_options,
         lambda family_beside: family_beside.measured,
     )
-    typer.echo(family.solve(sessions, **options).shown(as_json=as_json))
+    family.solve(sessions, **options).show(as_json=as_json)
 
 
 def compare(
@@ -84,15 +84,14 @@ def compare(
 ) -> None:
     """The differences before and after a calibration. After: with the offsets entered."""
     if (verbs := family_of_files(None, [before, after]).sessions) is not None:
-        typer.echo(verbs.compared(before, after).shown(as_json=as_json))
+        verbs.compared(before, after).show(as_json=as_json)
         return
     from app.evaluating.comparison import compare_files
     from app.report.schema.solution import ComparisonReport
     from app.report.text.result import comparison_report
 
     comparison = compare_files(before, after)
-    answer = Answer(comparison, comparison_report, ComparisonReport.of)
-    typer.echo(answer.shown(as_json=as_json))
+    Answer(comparison, comparison_report, ComparisonReport.of).show(as_json=as_json)
 
 
 def verify(
@@ -106,24 +105,22 @@ def verify(
     Exit 0: pass, 6: fail, 7: undecided.
     """
     from app.evaluating.comparison import verify_files
-    from app.exit_codes import NOT_JUDGED, VERIFIED, Exit
+    from app.exit_codes import NOT_JUDGED, VERIFIED
     from app.report.schema.solution import VerificationReport
     from app.report.text.result import decided, verification_text
 
     verbs = family_of_files(None, [before, after]).sessions
     if verbs is not None:
-        answer, word = verbs.verified(before, after, tolerance)
-        typer.echo(answer.shown(as_json=as_json))
-        if word != "pass":
-            say(f"glidecal: the verification did not pass: {word}")
-        raise typer.Exit(VERIFIED[word])
-    verification = verify_files(before, after, tolerance)
-    answer = Answer(verification, verification_text, VerificationReport.of)
-    typer.echo(answer.shown(as_json=as_json))
-    status = VERIFIED[verification.decision or NOT_JUDGED]
-    if status != Exit.DONE:
-        say(f"glidecal: the verification did not pass: {decided(verification)}")
-    raise typer.Exit(status)
+        answer, decision = verbs.verified(before, after, tolerance)
+        words = decision
+    else:
+        verification = verify_files(before, after, tolerance)
+        answer = Answer(verification, verification_text, VerificationReport.of)
+        decision, words = verification.decision or NOT_JUDGED, decided(verification)
+    answer.show(as_json=as_json)
+    if decision != "pass":
+        say(f"glidecal: the verification did not pass: {words}")
+    raise typer.Exit(VERIFIED[decision])
 
 
 OF_INDICATORS = (
@@ -337,8 +334,7 @@ def history(
             from app.report.pages.report import html_of
         deliver(output, {"": html_of(history_page(past, now))}, force=force)
         return
-    answer = Answer(past, lambda past: history_text(past, now), HistoryReport.of)
-    typer.echo(answer.shown(as_json=as_json))
+    Answer(past, lambda past: history_text(past, now), HistoryReport.of).show(as_json=as_json)
 
 
 def _refuse_beside_table(name: str, format_name: str, options: dict[str, object]) -> None:

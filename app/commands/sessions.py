@@ -30,6 +30,7 @@ from app.machines.options import (
     may_replace,
     option,
     say,
+    tell_warnings,
     there,
 )
 from app.machines.registry import (
@@ -205,14 +206,13 @@ def import_files(
                     "--machine-file-out", f"{path}, which is read", "another file, FILE.toml"
                 )
     may = may_replace(force, machine_file_out)
+    figures = {"resolution_mm": resolution, "repeatability_mm": repeatability, "remarks": remarks}
     opened, events, machine_file, notes = _read_from(
         source,
         machine,
         distances,
-        resolution,
-        repeatability,
         distance_deviation,
-        remarks,
+        figures,
         geometry_alone=machine_file_out is not None,
     )
     if distance_deviation is not None and not any(e.event == "distance" for e in events):
@@ -232,10 +232,8 @@ def import_files(
     if machine_file_out is not None and machine_file is not None:
         write_files(machine_file_out, {"": machine_file}, replace=may)
         say(f"written: {machine_file_out}")
-    for text in [
-        *(f"glidecal: {note}" for note in notes),
-        *_written_words(session, source[0], output, machine_file_out),
-    ]:
+    tell_warnings(notes)
+    for text in _written_words(session, source[0], output, machine_file_out):
         say(text)
 
 
@@ -286,10 +284,8 @@ def _read_from(
     source: list[Path],
     machine: str | None,
     distances: Path | None,
-    resolution_mm: float | None,
-    repeatability_mm: float | None,
     deviation_mm: float | None,
-    remarks: tuple[str, ...],
+    figures: dict[str, Any],
     *,
     geometry_alone: bool,
 ) -> tuple[Opened, Sequence[Event], str | None, list[str]]:
@@ -306,10 +302,8 @@ def _read_from(
             source,
             program(),
             machine=load_machine(machine) if machine else None,
-            resolution_mm=resolution_mm,
-            repeatability_mm=repeatability_mm,
-            remarks=remarks,
             geometry_alone=geometry_alone,
+            **figures,
         )
         unused = [f"not used: {odd}" for odd in printer.oddities]
         measured = checked(
@@ -318,14 +312,7 @@ def _read_from(
             deviation_mm,
         )
         return printer.opened, (*printer.contacts, *measured), printer.machine_file, unused
-    opened, events, unknown = opened_table(
-        source[0],
-        load_machine(machine),
-        program(),
-        resolution_mm=resolution_mm,
-        repeatability_mm=repeatability_mm,
-        remarks=remarks,
-    )
+    opened, events, unknown = opened_table(source[0], load_machine(machine), program(), **figures)
     unused = [f"columns kept but not used: {', '.join(unknown)}"] if unknown else []
     measured = checked(measured_distances, opened.machine.geometry(), deviation_mm)
     return opened, (*events, *measured), None, unused
@@ -396,7 +383,7 @@ def replay(
     if verbs is not None and (headless or as_json):
         if len(session) > 1:
             raise UsageError("replay of postures", f"{len(session)} sessions", "one session")
-        typer.echo(verbs.replayed(session[0]).shown(as_json=as_json))
+        verbs.replayed(session[0]).show(as_json=as_json)
         return
     if not headless and not as_json:
         if served:  # a page of glidecal serve: no terminal, and only to look at
@@ -418,7 +405,7 @@ def replay(
     if record.unfinished:
         say(f"glidecal: {record.unfinished}")
     report = ReplayReport.of(record)
-    typer.echo(Answer(report, replay_text, lambda report: report).shown(as_json=as_json))
+    Answer(report, replay_text, lambda report: report).show(as_json=as_json)
 
 
 def _end_with_the_server() -> None:

@@ -10,12 +10,13 @@ from __future__ import annotations
 import hashlib
 import sqlite3
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
+from operator import itemgetter
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
@@ -57,7 +58,6 @@ LONGEST_DAYS = 36_500.0
 """A date beyond a hundred years is none."""
 
 E = TypeVar("E", bound=Document)
-H = TypeVar("H")
 
 
 class Entry(PastEntry):
@@ -88,8 +88,6 @@ class Entry(PastEntry):
 
 
 AnyEntry = Entry | PostureEntry
-
-N = TypeVar("N", bound=AnyEntry)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +197,7 @@ def read_history(
     entries: dict[Path, AnyEntry] = {}
     problem_by_path: dict[Path, str] = {}
     path_by_digest: dict[str, Path] = {}
-    unknown: list[_UnknownSession] = []
+    unknown: list[tuple[Path, PostureSessions | None, bool]] = []
     with closing(Index(index or index_path())) as remembered:
         for path in paths:
             try:
@@ -216,7 +214,7 @@ def read_history(
             if entry is not None:
                 entries[path] = entry
             if entry is None or (effects and entry.effects is None and entry.has_result):
-                unknown.append(_UnknownSession(path, kind, effects))
+                unknown.append((path, kind, effects))
         waiting = len(unknown)
         with on_processors(processors if waiting >= MANY else 1):
             results = in_parallel(_worked_out, unknown)
@@ -243,53 +241,43 @@ def _of_entries(
     problem_by_path: dict[Path, str],
     waiting: int,
 ) -> History:
-    usable: list[tuple[Path, AnyEntry]] = []
     path_by_table: dict[tuple[str, str], Path] = {}
+    usable: dict[tuple[bool, int, str], list[tuple[Path, Any]]] = {}
     for path in paths:
-        entry, name = entries.get(path), path.relative_to(folder)
+        entry, file_name = entries.get(path), path.relative_to(folder)
         if entry and entry.problem:
-            problem_by_path[path] = f"{name}: {entry.problem}"
+            problem_by_path[path] = f"{file_name}: {entry.problem}"
         if not (entry and entry.has_result) or entry.unfinished:
             continue
         first_path = path_by_table.setdefault((entry.name, entry.table or f"{path}"), path)
-        if first_path == path:
-            usable.append((name, entry))
-        else:
+        if first_path != path:
             first_name = first_path.relative_to(folder)
-            problem_by_path[path] = f"{name}: the same readings as {first_name}, used once."
-    of_legs = [(name, entry) for name, entry in usable if isinstance(entry, Entry)]
-    of_postures = [(name, entry) for name, entry in usable if isinstance(entry, PostureEntry)]
+            problem_by_path[path] = f"{file_name}: the same readings as {first_name}, used once."
+            continue
+        of_postures = isinstance(entry, PostureEntry)
+        machine = of_postures, ORIGINS.index(entry.origin), entry.name
+        usable.setdefault(machine, []).append((file_name, entry))
+    machines: list[MachineHistory | PostureHistory] = []
+    for (of_postures, origin, name), sessions in sorted(usable.items(), key=itemgetter(0)):
+        past = posture_history if of_postures else history_of_machine
+        machines.append(past(name, ORIGINS[origin], sessions))
     return History(
         folder,
-        (*_machines(of_legs, history_of_machine), *_machines(of_postures, posture_history)),
+        tuple(machines),
         tuple((path, problem_by_path[path]) for path in paths if path in problem_by_path),
         sessions=len(paths),
         waiting=waiting,
     )
 
 
-def _machines(
-    entries: Sequence[tuple[Path, N]], history: Callable[[str, Origin, Sequence[tuple[Path, N]]], H]
-) -> list[H]:
-    """The history of each machine in the order of `ORIGINS`, then of names."""
-    files: dict[tuple[int, str], list[tuple[Path, N]]] = {}
-    for path, entry in entries:
-        files.setdefault((ORIGINS.index(entry.origin), entry.name), []).append((path, entry))
-    return [history(key[1], ORIGINS[key[0]], files[key]) for key in sorted(files)]
+def _worked_out(
+    unknown: tuple[Path, PostureSessions | None, bool],
+) -> tuple[Path, str, AnyEntry | str]:
+    """A session's key in the index, and what the record says, or why it cannot be used.
 
-
-@dataclass(frozen=True)
-class _UnknownSession:
-    """A file of which the index has nothing, or no diagnosis where ``effects`` are asked for."""
-
-    path: Path
-    kind: PostureSessions | None
-    effects: bool
-
-
-def _worked_out(unknown: _UnknownSession) -> tuple[Path, str, AnyEntry | str]:
-    """A session's key in the index, and what the record says, or why it cannot be used."""
-    path, kind, effects = unknown.path, unknown.kind, unknown.effects
+    ``unknown`` is its file, the kind of machine, and whether a diagnosis is asked for.
+    """
+    path, kind, effects = unknown
     try:
         content = read_bytes(path, "session", MOST_BYTES)
         entry = kind.past(path, effects) if kind else _entry_of(path, content, effects=effects)

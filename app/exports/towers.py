@@ -162,8 +162,8 @@ def comments(
     return [line for text in (*lines, *offsets.cautions) for line in short_lines(text)]
 
 
-def _three(values: FloatArray, decimals: int = 3) -> str:
-    return ", ".join(f"{value:.{decimals}f}" for value in values.tolist())
+def _three(values: FloatArray) -> str:
+    return ", ".join(f"{value:.3f}" for value in values.tolist())
 
 
 def printer_cfg(offsets: Offsets) -> Export:

@@ -371,7 +371,7 @@ def modelled(path: Path, effect: str, why: str) -> tuple[str, str]:
 
 def compared(earlier_path: Path, later_path: Path) -> Answer[Any]:
     """Whether the machine is the same in both sessions."""
-    from app.evaluating.hexaslide_comparison import compare_postures
+    from app.evaluating.hexaslide import compare_postures
     from app.report.schema.hexaslide_diagnosis import HexaSlideComparisonReport
     from app.report.text.hexaslide_comparison import comparison_text
 

@@ -265,11 +265,11 @@ class Answer(Generic[R]):
     text: Callable[[R], str]
     document: Callable[[R], Report]
 
-    def shown(self, *, as_json: bool) -> str:
-        """One of them, as it is printed."""
+    def show(self, *, as_json: bool) -> None:
+        """Print one of them."""
         from app.report.schema.document import to_json
 
-        return to_json(self.document(self.result)) if as_json else self.text(self.result)
+        typer.echo(to_json(self.document(self.result)) if as_json else self.text(self.result))
 
 
 @dataclass(frozen=True)

@@ -348,10 +348,11 @@ def validate(sessions: Sessions) -> None:
         verbs = family_of_files(None, [path]).sessions
         try:
             if verbs is not None:
-                typer.echo(verbs.validated(path))
-                continue
-            record = read_record(path)
-            check_values(record)
+                session, record = verbs.validated(path)
+            else:
+                record = read_record(path)
+                session = record.session
+                check_values(record)
         except GlidecalError as problem:
             say(f"glidecal: {problem}")
             status = exit_code(problem)
@@ -362,7 +363,6 @@ def validate(sessions: Sessions) -> None:
             say(f"glidecal: {record.unfinished}{advice}")
             status = Exit.RECORD
             continue
-        session = record.session
         typer.echo(
             f"{path}: unbroken and closed, {len(record.events)} lines, "
             f"{counted(len(session.all_readings), 'reading')}, {len(session.superseded)} superseded"

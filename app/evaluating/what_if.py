@@ -103,22 +103,18 @@ class Trial:
         solution = self.solution(self.entry.freed())
         return solution.sizes[len(solution.sizes) - len(self.entry.parameters) :]
 
-    def usual(self) -> Trial:
+    def begin(self) -> Trial:
         """The trial with the set of parameters that the readings determine beside the sizes.
 
-        Raises NotIdentifiable where nothing can be solved.
+        All that is worked out once is. Raises NotIdentifiable where nothing can be solved.
         """
-        if self.subset is not None:
-            return self
-        try:
-            result = self.result(self.entry.freed())
-        except NotIdentifiable:
-            result = self.without.result
-        return replace(self, subset=result.solution.subset)
-
-    def begin(self) -> Trial:
-        """The `usual` one, with all that is worked out once. Raises NotIdentifiable."""
-        trial = self.usual()
+        trial = self
+        if self.subset is None:
+            try:
+                result = self.result(self.entry.freed())
+            except NotIdentifiable:
+                result = self.without.result
+            trial = replace(self, subset=result.solution.subset)
         _ = trial.without.solution, trial.sizes
         return trial
 

@@ -134,7 +134,7 @@ def comments(
         height_words = f"with these values the tool at Zero is about {abs(z):.2f} mm {way} than now"
     lines = [
         f"{TOUCH}; {height_words}",
-        *origin(offsets),
+        origin(offsets),
         instruction,
         f"made for a controller with {radius}, lengths of the bars "
         f"{_three(now.length_mm)} mm, towers at {_three(now.angle_deg)}°{controller_words}; if it "

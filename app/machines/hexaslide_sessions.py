@@ -31,6 +31,8 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.report.pages.report import ReportSource
     from drivers.line import IndicatorLine
     from protocols.files import Contents
+    from protocols.hexaslide_session import PostureSession
+    from protocols.record import Record
 
 NAME = "hexaslide"
 Postures = Annotated[
@@ -268,7 +270,7 @@ def _indicated(line: IndicatorLine) -> tuple[str, str]:
     return f"{outcome.value_mm:.10g}", outcome.text
 
 
-def validated(path: Path) -> str:
+def validated(path: Path) -> tuple[PostureSession, Record]:
     """Raises RecordError for a record that is not whole, or not closed."""
     from protocols.hexaslide_session import read_postures
 
@@ -277,10 +279,7 @@ def validated(path: Path) -> str:
         text = record.unfinished.removeprefix(f"{path.name}: ")
         next_step = f"glidecal run --continue {path} goes on with it"
         raise RecordError(f"session {path}", reason=text, next_step=next_step)
-    return (
-        f"{path}: unbroken and closed, {len(record.events)} lines, "
-        f"{counted(len(session.all_readings), 'reading')}, {len(session.superseded)} superseded"
-    )
+    return session, record
 
 
 def replayed(path: Path) -> Answer[Any]:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.report.schema.document import Report
     from app.screens import Look, MakeScreen
     from protocols.files import Contents
+    from protocols.record import Record
 
 
 def _finite(value: float | None) -> float | None:
@@ -307,18 +308,18 @@ class SessionVerbs:
     """What a kind of machine does with sessions of its own form.
 
     Options of ``run`` and ``imported`` as in `Family`, beside a table to import or to write.
-    ``validated`` is a sentence, raising RecordError; ``exported`` are the files of a format, by
-    name, with cautions; ``diagnosed`` is beside a model, and writes one with a named effect, or a
-    candidate, where a path is given; ``compared`` is of two sessions of one machine, ``verified``
-    has the decision of `app.exit_codes.VERIFIED` beside the answer; ``reported`` is what the report
-    of a session is written from, with a later one, a tolerance in mm, and the head of a certificate
-    where they are given; ``modelled`` is a model file in words and as it stands, without an effect
-    where one is named, for a reason.
+    ``validated`` is a session and its record, raising RecordError; ``exported`` are the files of a
+    format, by name, with cautions; ``diagnosed`` is beside a model, and writes one with a named
+    effect, or a candidate, where a path is given; ``compared`` is of two sessions of one machine,
+    ``verified`` has the decision of `app.exit_codes.VERIFIED` beside the answer; ``reported`` is
+    what the report of a session is written from, with a later one, a tolerance in mm, and the head
+    of a certificate where they are given; ``modelled`` is a model file in words and as it stands,
+    without an effect where one is named, for a reason.
     """
 
     run: Callable[..., None]
     imported: Callable[..., None]
-    validated: Callable[[Path], str]
+    validated: Callable[[Path], tuple[Any, Record]]
     replayed: Callable[[Path], Answer[Any]]
     exported: Callable[[Path, str], tuple[Contents, tuple[str, ...]]]
     verified: Callable[[Path, Path, float | None], tuple[Answer[Any], str]]

@@ -282,8 +282,8 @@ def what_if(
     except UnreachablePosture as problem:
         pairs = zip(values, outcome.units, strict=True)
         sizes = ", ".join(f"{value:g} {unit}" for value, unit in pairs)
-        limit = "a size with which the legs of this machine still meet"
-        raise UsageError(f"size of {effect}", sizes, limit) from problem
+        allowed_words = "a size with which the legs of this machine still meet"
+        raise UsageError(f"size of {effect}", sizes, allowed_words) from problem
     return outcome
 
 

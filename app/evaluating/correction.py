@@ -158,13 +158,13 @@ class ControllerCorrections:
     """Sessions of one machine as they are corrected in a frame; each answer is worked out once.
 
     Joint offsets are those of the last session. ``effects`` are looked for; None: the catalogue.
-    ``stated`` is the posterior where it was worked out already.
+    ``known_posterior`` is that where it was worked out already.
     """
 
     cases: tuple[SessionCase, ...]
     frame: Frame
     effects: tuple[Effect, ...] | None = None
-    stated: Posterior | None = None
+    known_posterior: Posterior | None = None
     _corrections: dict[tuple[Holds, tuple[tuple[str, str], ...]], SessionCorrection] = field(
         default_factory=dict
     )
@@ -191,8 +191,8 @@ class ControllerCorrections:
     @cached_property
     def posterior(self) -> Posterior:
         """What the sessions tell of the machine. Raises NotIdentifiable."""
-        if self.stated is not None:
-            return self.stated
+        if self.known_posterior is not None:
+            return self.known_posterior
         if not any(case.shows for case in self.cases):
             raise NotIdentifiable(
                 "readings",
@@ -204,7 +204,7 @@ class ControllerCorrections:
 
     def with_posterior(self, posterior: Posterior) -> Self:
         """These sessions, corrected by another posterior of them."""
-        return replace(self, stated=posterior, _corrections={}, _towers={})
+        return replace(self, known_posterior=posterior, _corrections={}, _towers={})
 
     @cached_property
     def noise(self) -> Noise | None:

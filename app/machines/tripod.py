@@ -66,8 +66,8 @@ def identifiability(
     expected = expected_of(planned, machine.tolerances_mm())
     return Answer(
         identifiable,
-        lambda seen: f"{identifiability_text(seen)}\n\n{expected_text(expected)}",
-        lambda seen: IdentifiabilityReport.of(seen, expected),
+        lambda view: f"{identifiability_text(view)}\n\n{expected_text(expected)}",
+        lambda view: IdentifiabilityReport.of(view, expected),
     )
 
 

@@ -124,7 +124,8 @@ def what_if(
     from protocols.model_file import read_model_file
 
     loaded = _given(sessions)
-    values = list(size) if isinstance(size, Iterable) and not isinstance(size, str) else [size]
+    sizes: Any = size.tolist() if hasattr(size, "tolist") else size  # numpy's, as plain numbers
+    values = list(sizes) if isinstance(sizes, Iterable) and not isinstance(sizes, str) else [sizes]
     model_file = read_model_file(_path("model", model)) if model else None
     return evaluated(loaded, effect, values, subset, model_file)
 

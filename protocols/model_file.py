@@ -15,7 +15,15 @@ from calib.arrays import TOOL, FloatArray, conditions
 from calib.errors import RecordError
 from calib.identify.fit import Size
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
-from calib.tripod.effects.drives import AxisLean, StraightnessOfFourthOrder, cyclic_of, effects_of
+from calib.tripod.effects.candidates import AXES
+from calib.tripod.effects.drives import (
+    AxisDistance,
+    AxisLean,
+    AxisSquareness,
+    StraightnessOfFourthOrder,
+    cyclic_of,
+    effects_of,
+)
 from calib.tripod.effects.effect import AdoptedLaws, AdoptedSize, Effect, EffectInstance, Placed
 from calib.tripod.effects.empirical import BASES, EMPIRICAL, empirical_effect
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
@@ -44,7 +52,7 @@ def effect_entry(
     effect, stated_sizes = placed[0].effect, uncertainties or {}
     parameters: dict[str, ParameterEntry] = {}
     for instance in placed:
-        for parameter, value in zip(effect.parameters, instance.values, strict=True):
+        for parameter, value in zip(instance.effect.parameters, instance.values, strict=True):
             if isinstance(value, complex):
                 value_text = f"the value {value}"
                 raise RecordError(f"effect {effect.id}", value_text, "real numbers in a model file")
@@ -69,9 +77,32 @@ def effect_entry(
                 of=base,
                 places=places,
             )
+    titles = dict.fromkeys(instance.effect.title for instance in placed)
     return EffectEntry(
-        id=effect.id, where=where, title=effect.title, parameters=parameters, provenance=provenance
+        id=effect.id,
+        where=where,
+        title=" and ".join(titles),
+        parameters=parameters,
+        provenance=provenance,
     )
+
+
+def entries_of_laws(entry: EffectEntry) -> tuple[EffectEntry, ...]:
+    """The entry as a model file has it: two where axes are out of square and miss each other."""
+    if entry.where != AXES:
+        return (entry,)
+    leans = {parameter.name for parameter in AxisSquareness.parameters}
+    entries = []
+    for law, of_squareness in ((AxisSquareness, True), (AxisDistance, False)):
+        parameters = {
+            name: parameter
+            for name, parameter in entry.parameters.items()
+            if (parameter.of in leans) == of_squareness
+        }
+        places = ",".join(place for parameter in parameters.values() for place in parameter.places)
+        update = {"id": law.id, "title": law.title, "where": places, "parameters": parameters}
+        entries.append(entry.model_copy(update=update))
+    return tuple(entries)
 
 
 def placed_effects(

@@ -480,11 +480,9 @@ def _check_mounts(rows: list[Row], readings: tuple[Reading, ...]) -> None:
         place = reading.set_up
         if places.setdefault(reading.mount, place) != place:
             leg, axis, station = places[reading.mount]
-            place_text = "over a plane" if station == SLIDING else f"station {station:g}"
-            raise row.fault(
-                "mount",
-                f"a new name: {reading.mount!r} already is leg {leg}, axis {axis}, {place_text}",
-            )
+            station_words = "over a plane" if station == SLIDING else f"station {station:g}"
+            place_words = f"leg {leg}, axis {axis}, {station_words}"
+            raise row.fault("mount", f"a new name: {reading.mount!r:.80} already is {place_words}")
 
 
 OFF_MM = 5.0

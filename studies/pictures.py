@@ -11,14 +11,14 @@ from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 from textual.pilot import Pilot
 from textual.widgets import Static
 
 from app.evaluating.solution import solve_files
-from app.machines.options import Simulation
-from app.machines.tripod import SimulateOptions, simulate
+from app.machines.tripod import simulate
 from app.measuring.attended import HELD_KEY_S
 from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
@@ -141,9 +141,9 @@ async def pictures(folder: Path) -> None:
 
 
 @contextlib.asynccontextmanager
-async def diagnosed(session: Path, hidden: SimulateOptions) -> AsyncIterator[Pilot[str]]:
+async def diagnosed(session: Path, hidden: dict[str, Any]) -> AsyncIterator[Pilot[str]]:
     """The verdict on a simulated session with an effect hidden in it."""
-    simulate(Simulation(session), hidden, print)
+    simulate(session, None, 1, **hidden)
     screen = DiagnoseScreen([session])
     interface = Glidecal(screen)
     interface.animation_level = "none"
@@ -155,7 +155,7 @@ async def diagnosed(session: Path, hidden: SimulateOptions) -> AsyncIterator[Pil
 
 async def diagnosis(folder: Path) -> None:
     """Play in one carriage, and where it shows."""
-    hidden = SimulateOptions("two-station", effect="backlash:x", size=0.03)
+    hidden = {"protocol": "two-station", "effect": "backlash:x", "size": 0.03}
     async with diagnosed(folder / "simulated.jsonl", hidden) as pilot:
         await save(pilot, "diagnosis")
         await pilot.resize_terminal(*WIDE)
@@ -165,7 +165,7 @@ async def diagnosis(folder: Path) -> None:
 
 async def what_if(folder: Path) -> None:
     """A carriage that goes too far, its size moved beside the result."""
-    hidden = SimulateOptions("zero-max-min", effect="actuator_scale:y", size=1.1)
+    hidden = {"protocol": "zero-max-min", "effect": "actuator_scale:y", "size": 1.1}
     async with diagnosed(folder / "scaled.jsonl", hidden) as pilot:
         await pilot.press("w")
         await until(pilot, "effects", lambda: isinstance(pilot.app.screen, ChoiceDialog))

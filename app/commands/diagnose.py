@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +10,6 @@ import typer
 from app.machines.options import (
     Answer,
     AsJson,
-    DiagnosisRequest,
     Force,
     argument,
     file,
@@ -19,33 +17,16 @@ from app.machines.options import (
     may_replace,
     option,
     say,
+    tell_warnings,
     working,
 )
-from app.machines.registry import family_of_files, family_of_model, typed
+from app.machines.registry import family_of_files, family_of_model, the_session, typed
 from calib.errors import UsageError
 from protocols.machine_files import machine_names
 
 if TYPE_CHECKING:
     from app.evaluating.diagnosis import AdoptedTool, SessionDiagnosis
     from app.report.schema.document import Report
-
-
-def _of_own_form(
-    context: typer.Context, sessions: list[Path], request: DiagnosisRequest, *, as_json: bool
-) -> bool:
-    """Whether these are sessions of another form, then told. Raises UsageError for options."""
-    verbs = family_of_files(None, sessions).sessions
-    if verbs is None:
-        return False
-    if wrong := typed(context, OF_INDICATORS):
-        raise UsageError(wrong, f"session {sessions[0]}", "sessions of indicators on legs")
-    if len(sessions) > 1:
-        raise UsageError("diagnose", f"{len(sessions)} sessions", "one of this kind of machine")
-    is_extended = request.adopt == request.model
-    may = is_extended or may_replace(request.replace, request.adopt)
-    answer = verbs.diagnosed(sessions[0], replace(request, replace=may), say)
-    typer.echo(answer.shown(as_json=as_json))
-    return True
 
 
 OF_ALIASES = ("procedure", "machine")
@@ -84,9 +65,12 @@ def diagnose(
     as_json: AsJson = False,
 ) -> None:
     """What is missing in the model, and where it shows. The gap before and after."""
-    request = DiagnosisRequest(model, adopt, candidate, force)
-    _refuse_idle(context, sessions, request, aliases=aliases)
-    if sessions and _of_own_form(context, sessions, request, as_json=as_json):
+    _refuse_idle(context)
+    if sessions and (verbs := family_of_files(None, sessions).sessions) is not None:
+        session = the_session(context, sessions, OF_INDICATORS)
+        may = adopt == model or may_replace(force, adopt)
+        answer = verbs.diagnosed(session, model, adopt, candidate, may)
+        answer.show(as_json=as_json)
         return
     from app.evaluating import diagnosis as evaluated
     from app.evaluating.diagnosis import diagnose_files
@@ -103,8 +87,7 @@ def diagnose(
     may = may_replace(force, adopt if adopt != model else None, next_procedure)
     with working("Diagnosing"):
         diagnosed = diagnose_files(sessions, model=model, held_out=held_out or [])
-    for warning in diagnosed.warnings:
-        say(f"glidecal: {warning}")
+    tell_warnings(diagnosed.warnings)
     if next_procedure:
         evaluated.write_procedure(diagnosed, next_procedure, replace=may)
         say(f"next measurement: glidecal run --protocol {next_procedure}")
@@ -121,16 +104,16 @@ def diagnose(
     _show(diagnosed, adopted, further=bool(next_procedure), as_json=as_json)
 
 
-def _refuse_idle(
-    context: typer.Context, sessions: list[Path] | None, request: DiagnosisRequest, *, aliases: bool
-) -> None:
+def _refuse_idle(context: typer.Context) -> None:
     """Raises UsageError for what would do nothing beside the other options."""
-    if request.candidate and not request.adopt:
+    parameters = context.params
+    if parameters["candidate"] and not parameters["adopt"]:
         raise UsageError("--candidate", "no --adopt", "--adopt with the model to write")
-    if aliases and sessions:
+    if not parameters["aliases"]:
+        if idle := typed(context, OF_ALIASES):
+            raise UsageError(idle, "no --aliases", "--aliases, without a session")
+    elif sessions := parameters["sessions"]:
         raise UsageError("--aliases", f"session {sessions[0]}", "no session: a procedure is enough")
-    if not aliases and (idle := typed(context, OF_ALIASES)):
-        raise UsageError(idle, "no --aliases", "--aliases, without a session")
 
 
 def _show(
@@ -141,20 +124,19 @@ def _show(
 
     reach = diagnosed.reach() if further else None
 
-    def text() -> str:
+    def text(diagnosed: SessionDiagnosis) -> str:
         if reach is None:
             return diagnosis_text(diagnosed, adopted)
         from app.report.text.planning import further_text  # drivers come with it
 
         return f"{diagnosis_text(diagnosed, adopted)}\n\n{further_text(reach)}"
 
-    def document() -> Report:
+    def document(diagnosed: SessionDiagnosis) -> Report:
         from app.report.schema.diagnosis import DiagnosisReport, DiagnosisResults
 
         return DiagnosisReport.of(DiagnosisResults(diagnosed, reach, adopted))
 
-    answer = Answer(text, document)
-    typer.echo(answer.shown(as_json=as_json))
+    Answer(diagnosed, text, document).show(as_json=as_json)
 
 
 def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> None:
@@ -165,8 +147,7 @@ def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> No
 
     with working("Comparing effects"):
         aliases = alias_map(name, known_effects(), machine)
-    answer = Answer(lambda: alias_text(aliases), lambda: AliasReport.of(aliases))
-    typer.echo(answer.shown(as_json=as_json))
+    Answer(aliases, alias_text, AliasReport.of).show(as_json=as_json)
 
 
 def model(

@@ -22,7 +22,6 @@ from app.machines.options import (
     MacroName,
     PrintableRadius,
     Protocol,
-    RunRequest,
     Seed,
     argument,
     figure,
@@ -48,11 +47,9 @@ from calib.errors import GlidecalError, UsageError
 from calib.printable import counted
 
 if TYPE_CHECKING:  # heavy: imported where used
-    from app.measuring.aligning import RailAlignment
     from app.measuring.moving import MoveProposal, Mover
     from app.measuring.plan import Plan
     from app.measuring.session import Indicators
-    from protocols.procedure import Leg
 
 WITHOUT_A_SCREEN = "--headless with --simulated or --motion"
 
@@ -122,11 +119,12 @@ def run(
     if family.sessions is not None:
         if wrong := typed(context, OF_INDICATORS["run"]):
             raise UsageError(wrong, f"the machine {family.name}", "machines read on their legs")
-        running = RunRequest(
-            *(machine, protocol, output, resume, operator, temperature, note, seed),
-            *(simulated, dry_run, tuple(indicator or ())),
+        seed_of_machine = seed if simulated else None
+        family.sessions.run(
+            *(machine, protocol, output, resume, operator, temperature, note, seed_of_machine),
+            *(dry_run, indicator or ()),
+            **options,
         )
-        family.sessions.run(running, options, say)
         return
     _check_macro(context)
     if motion is not None:
@@ -406,7 +404,7 @@ def align(
     as_json: AsJson = False,
 ) -> None:
     """Shims that make the rails square and meet. Measured, moved live, measured again."""
-    from app.measuring.aligning import check_procedure
+    from app.measuring.aligning import align_session, check_procedure
     from app.measuring.demo import WATCHED
     from app.measuring.indicators import DEFAULT_PROFILE, check_indicators, choose_indicators
     from app.measuring.plan import Plan, aligning, plan_to_continue, session_name
@@ -416,6 +414,7 @@ def align(
     from protocols.files import write_files
     from protocols.machine import load_machine, machine_text
     from protocols.procedure import ALL_AXES, procedure_on
+    from protocols.record import read_record
 
     rail = next((letter for letter in ALL_AXES if reference and letter == reference.lower()), None)
     if rail is None and reference is not None:
@@ -428,20 +427,18 @@ def align(
             wrong = "options for measuring, beside a session that was measured"
             raise UsageError(f"align {session}", wrong, "--reference, --machine-file-out, --json")
         may = may_replace(force, machine_file_out)
-        aligned = _aligned(session, rail)
+        recorded = read_record(session).session
+        aligned = align_session(recorded, rail or recorded.opened.aligned_to or "x")
         if machine_file_out is not None:
             text = machine_text(aligned.as_it_lies, lines_of_drives(session.name))
             write_files(machine_file_out, {"": text}, replace=may)
             say(f"written: {machine_file_out}")
-        report = partial(AlignmentReport.of, session.name, aligned)
-        typer.echo(Answer(lambda: aligned_text(aligned), report).shown(as_json=as_json))
+        Answer(aligned, aligned_text, partial(AlignmentReport.of, session.name)).show(
+            as_json=as_json
+        )
         return
-    for name, is_given in (
-        ("--machine-file-out", machine_file_out is not None),
-        ("--force", force),
-    ):
-        if is_given:
-            raise UsageError(name, "no session", "a session that was measured: align SESSION")
+    if wrong := typed(context, ("machine_file_out", "force")):
+        raise UsageError(wrong, "no session", "a session that was measured: align SESSION")
     refuse_beside_continue(context)
     machine_known = load_machine(machine)
     instruments = choose_indicators(
@@ -461,12 +458,3 @@ def align(
         check_indicators(plan.instruments, legs=bool(procedure.levels))
     otherwise = "a session that was measured: align SESSION"
     measure(aligning(plan, rail or plan.reference or "x"), headless=False, otherwise=otherwise)
-
-
-def _aligned(session: Path, reference: Leg | None) -> RailAlignment:
-    """What a session tells of the rails."""
-    from app.measuring.aligning import align_session
-    from protocols.record import read_record
-
-    recorded = read_record(session).session
-    return align_session(recorded, reference or recorded.opened.aligned_to or "x")

@@ -12,8 +12,6 @@ from app.machines.options import (
     Force,
     Machine,
     Place,
-    PostureSearch,
-    Question,
     ScreenAnswer,
     argument,
     deliver,
@@ -23,7 +21,6 @@ from app.machines.options import (
     may_deliver,
     number,
     option,
-    say,
 )
 from app.machines.registry import (
     CRITERIA,
@@ -76,12 +73,12 @@ def identifiability(
     family = family_of(machine)
     options = options_of(context, family, f"the machine {machine}", machine_options)
     its_file = machine_file_of(machine, NAMES, machine_file)
-    answer = family.identifiability(Question(machine, procedure or "", its_file), options)
+    answer = family.identifiability(machine, procedure, its_file, **options)
     if isinstance(answer, ScreenAnswer):
         from app.screens.interface import open_screen
 
         raise typer.Exit(open_screen(answer.screen(), LOOKS))
-    typer.echo(answer.shown(as_json=as_json))
+    answer.show(as_json=as_json)
 
 
 @with_options_of_machines
@@ -118,15 +115,11 @@ def postures(
     **machine_options: Any,  # noqa: ANN401 (as above)
 ) -> None:
     """Optimum postures, beside those of the procedure."""
-    from calib.design.criteria import Criterion
-
     family = family_of(machine)
     options = options_of(context, family, f"the machine {machine}", machine_options)
-    search = PostureSearch(
-        count, Criterion(criterion or family.criterion), seed, starts, output, force
-    )
-    question = Question(machine, procedure, machine_file_of(machine, NAMES, machine_file))
-    typer.echo(family.postures(question, search, options, say).shown(as_json=as_json))
+    question = machine, procedure, machine_file_of(machine, NAMES, machine_file)
+    search = count, criterion or family.criterion, seed, starts, output, force
+    family.postures(*question, *search, **options).show(as_json=as_json)
 
 
 @with_options_of_machines
@@ -146,8 +139,8 @@ def plan(
     """
     family, propose = family_with("plan", machine)
     options = options_of(context, family, f"the machine {machine}", machine_options)
-    answer = propose(machine, [*(sessions or ()), *(session or ())], options, say)
-    typer.echo(answer.shown(as_json=as_json))
+    answer = propose(machine, [*(sessions or ()), *(session or ())], **options)
+    answer.show(as_json=as_json)
 
 
 def workspace(
@@ -169,4 +162,4 @@ def workspace(
 ) -> None:
     """Where the tool can be. How the drives move it there."""
     _, name = family_with("workspace", machine)
-    typer.echo(name(machine, limit, at).shown(as_json=as_json))
+    name(machine, limit, at).show(as_json=as_json)

@@ -20,7 +20,6 @@ from app.machines.options import (
     Method,
     Output,
     Sessions,
-    SessionVerbs,
     SubsetName,
     argument,
     deliver,
@@ -30,6 +29,7 @@ from app.machines.options import (
     number,
     option,
     say,
+    tell_warnings,
     working,
 )
 from app.machines.registry import (
@@ -37,7 +37,7 @@ from app.machines.registry import (
     NAMES_OF_FILES,
     family_of_files,
     options_of,
-    typed,
+    the_session,
     with_options_of_machines,
 )
 from calib.errors import UsageError, extra
@@ -74,7 +74,7 @@ def solve(
         machine_options,
         lambda family_beside: family_beside.measured,
     )
-    typer.echo(family.solve(sessions, options, say).shown(as_json=as_json))
+    family.solve(sessions, **options).show(as_json=as_json)
 
 
 def compare(
@@ -84,15 +84,14 @@ def compare(
 ) -> None:
     """The differences before and after a calibration. After: with the offsets entered."""
     if (verbs := family_of_files(None, [before, after]).sessions) is not None:
-        typer.echo(verbs.compared(before, after).shown(as_json=as_json))
+        verbs.compared(before, after).show(as_json=as_json)
         return
     from app.evaluating.comparison import compare_files
     from app.report.schema.solution import ComparisonReport
     from app.report.text.result import comparison_report
 
     comparison = compare_files(before, after)
-    answer = Answer(lambda: comparison_report(comparison), lambda: ComparisonReport.of(comparison))
-    typer.echo(answer.shown(as_json=as_json))
+    Answer(comparison, comparison_report, ComparisonReport.of).show(as_json=as_json)
 
 
 def verify(
@@ -106,26 +105,22 @@ def verify(
     Exit 0: pass, 6: fail, 7: undecided.
     """
     from app.evaluating.comparison import verify_files
-    from app.exit_codes import NOT_JUDGED, VERIFIED, Exit
+    from app.exit_codes import NOT_JUDGED, VERIFIED
     from app.report.schema.solution import VerificationReport
     from app.report.text.result import decided, verification_text
 
     verbs = family_of_files(None, [before, after]).sessions
     if verbs is not None:
-        answer, word = verbs.verified(before, after, tolerance)
-        typer.echo(answer.shown(as_json=as_json))
-        if word != "pass":
-            say(f"glidecal: the verification did not pass: {word}")
-        raise typer.Exit(VERIFIED[word])
-    verification = verify_files(before, after, tolerance)
-    answer = Answer(
-        lambda: verification_text(verification), lambda: VerificationReport.of(verification)
-    )
-    typer.echo(answer.shown(as_json=as_json))
-    status = VERIFIED[verification.decision or NOT_JUDGED]
-    if status != Exit.DONE:
-        say(f"glidecal: the verification did not pass: {decided(verification)}")
-    raise typer.Exit(status)
+        answer, decision = verbs.verified(before, after, tolerance)
+        words = decision
+    else:
+        verification = verify_files(before, after, tolerance)
+        answer = Answer(verification, verification_text, VerificationReport.of)
+        decision, words = verification.decision or NOT_JUDGED, decided(verification)
+    answer.show(as_json=as_json)
+    if decision != "pass":
+        say(f"glidecal: the verification did not pass: {words}")
+    raise typer.Exit(VERIFIED[decision])
 
 
 OF_INDICATORS = (
@@ -205,8 +200,11 @@ def export(
     With --table the numbers of a session instead. With -o - one text goes to standard output.
     """
     if (verbs := family_of_files(None, sources).sessions) is not None:
-        source = _only(sources, "postures")
-        _export_of_machine(verbs, context, source, output, force=force)
+        source = the_session(context, [_only(sources, "postures")], OF_INDICATORS)
+        force = may_deliver(output, force=force, folder=format_name == "linuxcnc-kins")
+        files, cautions = verbs.exported(source, format_name)
+        tell_warnings(cautions)
+        deliver(output, files, force=force)
         return
     if table or format_name in ("xlsx", "parquet"):
         joint_options: dict[str, object] = {"--home-offset": home_offset, "--endstops": endstops}
@@ -240,8 +238,7 @@ def export(
     if ini:
         offsets = replace(offsets, controller=read_controller(ini))
     exported = FORMATS[format_name](offsets)
-    for text in exported.cautions:
-        say(f"glidecal: {text}")
+    tell_warnings(exported.cautions)
     if format_name.startswith("linuxcnc") and offsets.controller is None:
         say(f"glidecal: WARNING: {UNKNOWN_HOME_OFFSET}")
     deliver(output, exported.files, force=force)
@@ -275,20 +272,6 @@ def _only(sources: Sequence[Path], subject: str) -> Path:
     if len(sources) > 1:
         raise UsageError("glidecal export", f"{len(sources)} files", f"one session, for {subject}")
     return sources[0]
-
-
-def _export_of_machine(
-    verbs: SessionVerbs, context: typer.Context, source: Path, output: Path, *, force: bool
-) -> None:
-    """A session of its own form. Raises UsageError for options that are not of it."""
-    if wrong := typed(context, OF_INDICATORS):
-        raise UsageError(wrong, f"session {source}", "sessions of indicators on legs")
-    format_name = context.params["format_name"]
-    force = may_deliver(output, force=force, folder=format_name == "linuxcnc-kins")
-    files, cautions = verbs.exported(source, format_name)
-    for text in cautions:
-        say(f"glidecal: {text}")
-    deliver(output, files, force=force)
 
 
 def history(
@@ -351,8 +334,7 @@ def history(
             from app.report.pages.report import html_of
         deliver(output, {"": html_of(history_page(past, now))}, force=force)
         return
-    answer = Answer(lambda: history_text(past, now), lambda: HistoryReport.of(past))
-    typer.echo(answer.shown(as_json=as_json))
+    Answer(past, lambda past: history_text(past, now), HistoryReport.of).show(as_json=as_json)
 
 
 def _refuse_beside_table(name: str, format_name: str, options: dict[str, object]) -> None:
@@ -382,8 +364,7 @@ def _table(
     else:
         result = solve_files([source], subset=subset, method=method, model=model)
         data, warnings = result.table(name), [*result.warnings]
-    for warning in warnings:
-        say(f"glidecal: {warning}")
+    tell_warnings(warnings)
     return data
 
 
@@ -415,10 +396,7 @@ def report(
         raise UsageError("--sign", f"--output {output}", "--certificate and an output as .xml")
     verbs = family_of_files(None, sessions).sessions
     if verbs is not None:
-        if wrong := typed(context, ("model",)):
-            raise UsageError(wrong, f"session {sessions[0]}", "sessions of indicators on legs")
-        if len(sessions) > 1:
-            raise UsageError("report", f"{len(sessions)} sessions", "one of this kind of machine")
+        the_session(context, sessions, ("model",))
     streamed = output == STANDARD_OUTPUT
     may = force if streamed else may_replace(force, output)
     with extra("glidecal report", "report"):

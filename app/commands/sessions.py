@@ -18,19 +18,19 @@ from app.machines.options import (
     Answer,
     AsJson,
     Force,
-    ImportRequest,
     Output,
     Protocol,
     Seed,
     Sessions,
-    Simulation,
     argument,
+    check_ending,
     figure,
     file,
     machine_option,
     may_replace,
     option,
     say,
+    tell_warnings,
     there,
 )
 from app.machines.registry import (
@@ -65,7 +65,7 @@ def simulate(
     name = machine or USUAL_MACHINE
     family = family_of(name)
     options = options_of(context, family, f"the machine {name}", machine_options)
-    family.simulate(Simulation(output, machine, seed, force), options, say)
+    family.simulate(output, machine, seed, force, **options)
 
 
 @with_options_of_machines
@@ -120,12 +120,15 @@ def import_table(
     family = family_of(name)
     options = options_of(context, family, f"the machine {name}", machine_options)
     there([] if template else source)
+    check_ending(output, ".jsonl")  # other files of a folder are no sessions
     if family.sessions is not None:
         _check_postures(context, name, source)
         _refuse_sessions([] if template else source)
-        remarks, day = tuple(remark or ()), _day(measured_on)
-        request = ImportRequest(source[0], output, machine, protocol, template, remarks, day, force)
-        family.sessions.imported(request, options, say)
+        family.sessions.imported(
+            *(source[0], output, machine, protocol, template),
+            *(remark or (), _day(measured_on), force),
+            **options,
+        )
     elif template:
         _write_template(source, machine, protocol, force=force)
     else:
@@ -203,14 +206,13 @@ def import_files(
                     "--machine-file-out", f"{path}, which is read", "another file, FILE.toml"
                 )
     may = may_replace(force, machine_file_out)
+    figures = {"resolution_mm": resolution, "repeatability_mm": repeatability, "remarks": remarks}
     opened, events, machine_file, notes = _read_from(
         source,
         machine,
         distances,
-        resolution,
-        repeatability,
         distance_deviation,
-        remarks,
+        figures,
         geometry_alone=machine_file_out is not None,
     )
     if distance_deviation is not None and not any(e.event == "distance" for e in events):
@@ -230,10 +232,8 @@ def import_files(
     if machine_file_out is not None and machine_file is not None:
         write_files(machine_file_out, {"": machine_file}, replace=may)
         say(f"written: {machine_file_out}")
-    for text in [
-        *(f"glidecal: {note}" for note in notes),
-        *_written_words(session, source[0], output, machine_file_out),
-    ]:
+    tell_warnings(notes)
+    for text in _written_words(session, source[0], output, machine_file_out):
         say(text)
 
 
@@ -284,10 +284,8 @@ def _read_from(
     source: list[Path],
     machine: str | None,
     distances: Path | None,
-    resolution_mm: float | None,
-    repeatability_mm: float | None,
     deviation_mm: float | None,
-    remarks: tuple[str, ...],
+    figures: dict[str, Any],
     *,
     geometry_alone: bool,
 ) -> tuple[Opened, Sequence[Event], str | None, list[str]]:
@@ -303,10 +301,8 @@ def _read_from(
             source,
             program(),
             machine=load_machine(machine) if machine else None,
-            resolution_mm=resolution_mm,
-            repeatability_mm=repeatability_mm,
-            remarks=remarks,
             geometry_alone=geometry_alone,
+            **figures,
         )
         unused = [f"not used: {odd}" for odd in printer.oddities]
         measured = checked_distances(
@@ -315,14 +311,7 @@ def _read_from(
             deviation_mm,
         )
         return printer.opened, (*printer.contacts, *measured), printer.machine_file, unused
-    opened, events, unknown = opened_table(
-        source[0],
-        load_machine(machine),
-        program(),
-        resolution_mm=resolution_mm,
-        repeatability_mm=repeatability_mm,
-        remarks=remarks,
-    )
+    opened, events, unknown = opened_table(source[0], load_machine(machine), program(), **figures)
     unused = [f"columns kept but not used: {', '.join(unknown)}"] if unknown else []
     measured = checked_distances(measured_distances, opened.machine.geometry(), deviation_mm)
     return opened, (*events, *measured), None, unused
@@ -358,10 +347,11 @@ def validate(sessions: Sessions) -> None:
         verbs = family_of_files(None, [path]).sessions
         try:
             if verbs is not None:
-                typer.echo(verbs.validated(path))
-                continue
-            record = read_record(path)
-            check_values(record)
+                session, record = verbs.validated(path)
+            else:
+                record = read_record(path)
+                session = record.session
+                check_values(record)
         except GlidecalError as problem:
             say(f"glidecal: {problem}")
             status = exit_code(problem)
@@ -372,7 +362,6 @@ def validate(sessions: Sessions) -> None:
             say(f"glidecal: {record.unfinished}{advice}")
             status = Exit.RECORD
             continue
-        session = record.session
         typer.echo(
             f"{path}: unbroken and closed, {len(record.events)} lines, "
             f"{counted(len(session.all_readings), 'reading')}, {len(session.superseded)} superseded"
@@ -393,7 +382,7 @@ def replay(
     if verbs is not None and (headless or as_json):
         if len(session) > 1:
             raise UsageError("replay of postures", f"{len(session)} sessions", "one session")
-        typer.echo(verbs.replayed(session[0], say).shown(as_json=as_json))
+        verbs.replayed(session[0]).show(as_json=as_json)
         return
     if not headless and not as_json:
         if served:  # a page of glidecal serve: no terminal, and only to look at
@@ -415,7 +404,7 @@ def replay(
     if record.unfinished:
         say(f"glidecal: {record.unfinished}")
     report = ReplayReport.of(record)
-    typer.echo(Answer(lambda: replay_text(report), lambda: report).shown(as_json=as_json))
+    Answer(report, replay_text, lambda report: report).show(as_json=as_json)
 
 
 def _end_with_the_server() -> None:

@@ -12,7 +12,7 @@ from calib.arrays import LEG_NAMES, FloatArray, Observations
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.noise.reading import IndicatorFigures, Noise
 from calib.posterior.cells import FINEST_MM, HOMING_MM, Cells, SessionCase
-from calib.posterior.correction import HOLDS, Correction, Holds, LeftOut, ToolOff, correction, doubt
+from calib.posterior.correction import HOLDS, Correction, Holds, ToolOff, correction, doubt
 from calib.posterior.entered import (
     nothing_entered,
     offset_uncertainties_mm,
@@ -75,7 +75,7 @@ class Gain:
 
 
 @dataclass(frozen=True, eq=False)
-class SessionCorrection:
+class SessionCorrection(Correction):
     """The best values that a controller can hold, and what the tool keeps with them.
 
     ``model`` is the machine as the controller then knows it; ``off_now`` and ``off`` are the tool
@@ -83,12 +83,7 @@ class SessionCorrection:
     standard, and expanded for 95 %, ``(3,)`` each.
     """
 
-    frame: Frame
-    holds: Holds
-    model: Model
     off_now: ToolOff
-    off: ToolOff
-    left_out: tuple[LeftOut, ...]
     uncertainties_mm: tuple[FloatArray, FloatArray] | None
 
     @property
@@ -136,16 +131,13 @@ class SessionCorrection:
 
 
 @dataclass(frozen=True, eq=False)
-class TowerCorrection:
-    """The best values for firmware of printers, and the tool with them.
+class TowerCorrection(Correction):
+    """The best ``values`` for firmware of printers, and the tool with them.
 
     They are fitted to the ``model``; ``left_out`` are parts that it does not have.
     """
 
-    model: Model
-    left_out: tuple[LeftOut, ...]
     values: EnteredTowers
-    off: ToolOff
 
 
 @dataclass(frozen=True)
@@ -166,14 +158,14 @@ class ControllerCorrections:
     """Sessions of one machine as they are corrected in a frame; each answer is worked out once.
 
     Joint offsets are those of the last session. ``effects`` are looked for; None: the catalogue.
-    ``stated`` is the posterior where it was worked out already.
+    ``known_posterior`` is that where it was worked out already.
     """
 
     cases: tuple[SessionCase, ...]
     frame: Frame
     effects: tuple[Effect, ...] | None = None
-    stated: Posterior | None = None
-    _made: dict[tuple[Holds, tuple[tuple[str, str], ...]], SessionCorrection] = field(
+    known_posterior: Posterior | None = None
+    _corrections: dict[tuple[Holds, tuple[tuple[str, str], ...]], SessionCorrection] = field(
         default_factory=dict
     )
     _towers: dict[TowerEntries, TowerCorrection] = field(default_factory=dict)
@@ -199,8 +191,8 @@ class ControllerCorrections:
     @cached_property
     def posterior(self) -> Posterior:
         """What the sessions tell of the machine. Raises NotIdentifiable."""
-        if self.stated is not None:
-            return self.stated
+        if self.known_posterior is not None:
+            return self.known_posterior
         if not any(case.shows for case in self.cases):
             raise NotIdentifiable(
                 "readings",
@@ -212,7 +204,7 @@ class ControllerCorrections:
 
     def with_posterior(self, posterior: Posterior) -> Self:
         """These sessions, corrected by another posterior of them."""
-        return replace(self, stated=posterior, _made={}, _towers={})
+        return replace(self, known_posterior=posterior, _corrections={}, _towers={})
 
     @cached_property
     def noise(self) -> Noise | None:
@@ -257,7 +249,7 @@ class ControllerCorrections:
     @property
     def is_worked_out(self) -> bool:
         """Whether the answer for every controller is there."""
-        return {holds for holds, absent in self._made if not absent} == set(HOLDS)
+        return {holds for holds, absent in self._corrections if not absent} == set(HOLDS)
 
     def off(self, model: Model) -> ToolOff:
         """The tool where the controller holds this model. Raises ImpossibleRequest."""
@@ -282,8 +274,8 @@ class ControllerCorrections:
             def best(absent: dict[str, str], entries: TowerEntries) -> TowerCorrection:
                 projected = self._projected("kinematics", absent, tabled=False)
                 values = entered(projected.model, entries)
-                off = self.off_with_towers(values)
-                return TowerCorrection(projected.model, projected.left_out, values, off)
+                with_towers = replace(projected, off=self.off_with_towers(values))
+                return TowerCorrection(**vars(with_towers), values=values)
 
             best_entries = best({}, entries)
             reason = NO_GAIN if entries.travels else NO_ENTRY
@@ -300,22 +292,18 @@ class ControllerCorrections:
         Play that comes out negative and tables that the controller cannot follow are absent, too.
         """
         key = (holds, tuple(sorted((absent or {}).items())))
-        if key in self._made:
-            return self._made[key]
+        if key in self._corrections:
+            return self._corrections[key]
         projected = self._projected(holds, dict(absent or {}), tabled=True)
-        off = projected.off
         if holds in ("tables", "kinematics"):
-            off = ToolOff(off.posterior, off.values, left_by_tables_mm(projected.model))
-        self._made[key] = SessionCorrection(
-            frame=self.frame,
-            holds=holds,
-            model=projected.model,
-            off_now=self.off_now,
-            off=off,
-            left_out=projected.left_out,
-            uncertainties_mm=self.uncertainties_mm() if holds == "offsets" else None,
+            left_mm = left_by_tables_mm(projected.model)
+            off = ToolOff(projected.off.posterior, projected.off.values, left_mm)
+            projected = replace(projected, off=off)
+        uncertainties_mm = self.uncertainties_mm() if holds == "offsets" else None
+        self._corrections[key] = SessionCorrection(
+            **vars(projected), off_now=self.off_now, uncertainties_mm=uncertainties_mm
         )
-        return self._made[key]
+        return self._corrections[key]
 
     def _projected(self, holds: Holds, absent: dict[str, str], *, tabled: bool) -> Correction:
         """What a controller holds, in tables of so many points where it is ``tabled``."""

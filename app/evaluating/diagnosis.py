@@ -47,6 +47,7 @@ from protocols.model_file import (
     ambiguity,
     ambiguous_effects,
     effect_entry,
+    entries_of_laws,
     free_effects,
     model_file,
     read_model_file,
@@ -354,7 +355,8 @@ def adopt(
         if held and (held.id, held.where) == (item.id, item.where):
             entry = entry.model_copy(update={"parameters": held.parameters})
             why = f"{why} {HELD}"
-        model = with_effect(model, entry, why)
+        for law_entry in entries_of_laws(entry):
+            model = with_effect(model, law_entry, why)
     model = _expected(model, diagnosed.sessions)
     write_files(target, {"": model.text()}, replace=replace or target == known_model)
     return model

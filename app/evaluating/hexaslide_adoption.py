@@ -164,11 +164,6 @@ def _entry(effect: AdoptedEffect, models: WeighedCauses, provenance: Provenance)
     )
 
 
-def write_model(adoption: Adoption, target: Path, *, replace: bool) -> None:
-    """Raises as `write_files`."""
-    write_files(target, {"": adoption.model.text()}, replace=replace)
-
-
 def remove(path: Path, effect: str, why: str) -> HexaSlideModel:
     """Take an effect, ``id`` or ``id:where``, out of a model; the history keeps it.
 

@@ -10,15 +10,17 @@ from __future__ import annotations
 import hashlib
 import sqlite3
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
+from operator import itemgetter
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from app.evaluating.loading import table_of
 from app.evaluating.posture_history import (
     PastEntry,
     PastSessions,
@@ -39,7 +41,7 @@ from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
 from protocols.session import Session
 
-RESULTS = 11
+RESULTS = 12
 """Number of the solver's results: it is raised when sessions give other ones, or an `Entry` says
 more. What the index remembers under another number is worked out again.
 """
@@ -55,7 +57,6 @@ LONGEST_DAYS = 36_500.0
 """A date beyond a hundred years is none."""
 
 E = TypeVar("E", bound=Document)
-H = TypeVar("H")
 
 
 class Entry(PastEntry):
@@ -86,8 +87,6 @@ class Entry(PastEntry):
 
 
 AnyEntry = Entry | PostureEntry
-
-N = TypeVar("N", bound=AnyEntry)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +196,7 @@ def read_history(
     entries: dict[Path, AnyEntry] = {}
     problem_by_path: dict[Path, str] = {}
     path_by_digest: dict[str, Path] = {}
-    unknown: list[_UnknownSession] = []
+    unknown: list[tuple[Path, PostureSessions | None, bool]] = []
     with closing(Index(index or index_path())) as remembered:
         for path in paths:
             try:
@@ -214,7 +213,7 @@ def read_history(
             if entry is not None:
                 entries[path] = entry
             if entry is None or (effects and entry.effects is None and entry.has_result):
-                unknown.append(_UnknownSession(path, kind, effects))
+                unknown.append((path, kind, effects))
         waiting = len(unknown)
         with on_processors(processors if waiting >= MANY else 1):
             results = in_parallel(_worked_out, unknown)
@@ -241,46 +240,43 @@ def _of_entries(
     problem_by_path: dict[Path, str],
     waiting: int,
 ) -> History:
-    usable: list[tuple[Path, AnyEntry]] = []
+    path_by_table: dict[tuple[str, str], Path] = {}
+    usable: dict[tuple[bool, int, str], list[tuple[Path, Any]]] = {}
     for path in paths:
-        entry, name = entries.get(path), path.relative_to(folder)
+        entry, file_name = entries.get(path), path.relative_to(folder)
         if entry and entry.problem:
-            problem_by_path[path] = f"{name}: {entry.problem}"
-        if entry and entry.has_result and not entry.unfinished:
-            usable.append((name, entry))
-    of_legs = [(name, entry) for name, entry in usable if isinstance(entry, Entry)]
-    of_postures = [(name, entry) for name, entry in usable if isinstance(entry, PostureEntry)]
+            problem_by_path[path] = f"{file_name}: {entry.problem}"
+        if not (entry and entry.has_result) or entry.unfinished:
+            continue
+        first_path = path_by_table.setdefault((entry.name, entry.table or f"{path}"), path)
+        if first_path != path:
+            first_name = first_path.relative_to(folder)
+            problem_by_path[path] = f"{file_name}: the same readings as {first_name}, used once."
+            continue
+        of_postures = isinstance(entry, PostureEntry)
+        machine = of_postures, ORIGINS.index(entry.origin), entry.name
+        usable.setdefault(machine, []).append((file_name, entry))
+    machines: list[MachineHistory | PostureHistory] = []
+    for (of_postures, origin, name), sessions in sorted(usable.items(), key=itemgetter(0)):
+        past = posture_history if of_postures else history_of_machine
+        machines.append(past(name, ORIGINS[origin], sessions))
     return History(
         folder,
-        (*_machines(of_legs, history_of_machine), *_machines(of_postures, posture_history)),
+        tuple(machines),
         tuple((path, problem_by_path[path]) for path in paths if path in problem_by_path),
         sessions=len(paths),
         waiting=waiting,
     )
 
 
-def _machines(
-    entries: Sequence[tuple[Path, N]], history: Callable[[str, Origin, Sequence[tuple[Path, N]]], H]
-) -> list[H]:
-    """The history of each machine in the order of `ORIGINS`, then of names."""
-    files: dict[tuple[int, str], list[tuple[Path, N]]] = {}
-    for path, entry in entries:
-        files.setdefault((ORIGINS.index(entry.origin), entry.name), []).append((path, entry))
-    return [history(key[1], ORIGINS[key[0]], files[key]) for key in sorted(files)]
+def _worked_out(
+    unknown: tuple[Path, PostureSessions | None, bool],
+) -> tuple[Path, str, AnyEntry | str]:
+    """A session's key in the index, and what the record says, or why it cannot be used.
 
-
-@dataclass(frozen=True)
-class _UnknownSession:
-    """A file of which the index has nothing, or no diagnosis where ``effects`` are asked for."""
-
-    path: Path
-    kind: PostureSessions | None
-    effects: bool
-
-
-def _worked_out(unknown: _UnknownSession) -> tuple[Path, str, AnyEntry | str]:
-    """A session's key in the index, and what the record says, or why it cannot be used."""
-    path, kind, effects = unknown.path, unknown.kind, unknown.effects
+    ``unknown`` is its file, the kind of machine, and whether a diagnosis is asked for.
+    """
+    path, kind, effects = unknown
     try:
         content = read_bytes(path, "session", MOST_BYTES)
         entry = kind.past(path, effects) if kind else _entry_of(path, content, effects=effects)
@@ -329,6 +325,7 @@ def _entry_of(path: Path, content: bytes, *, effects: bool) -> Entry:
         unfinished=bool(record.unfinished),
         temperature_c=opened.temperature_c,
         verifies=opened.verifies,
+        table=_digest_of_table(session) if opened.origin == "imported" else "",
     )
     try:
         entered = solve_sessions([session]).correction
@@ -354,6 +351,10 @@ def _entry_of(path: Path, content: bytes, *, effects: bool) -> Entry:
             "problem": record.unfinished.removeprefix(f"{path.name}: "),
         }
     )
+
+
+def _digest_of_table(session: Session) -> str:
+    return hashlib.sha256(repr(table_of(session)).encode()).hexdigest()
 
 
 def _named(session: Session) -> tuple[str, ...]:

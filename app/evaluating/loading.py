@@ -23,6 +23,11 @@ def measured_first(session: Record | Session) -> tuple[datetime, datetime, str]:
     return session.opened.measured_at, session.opened.at, session.digest
 
 
+def table_of(session: Session) -> tuple[object, ...]:
+    """The readings as a table has them: the same in every import of it."""
+    return tuple((r.leg, r.axis, r.posture_mm, r.text, r.mount) for r in session.readings)
+
+
 def refuse_twice(sessions: Sequence[tuple[object, Session]]) -> None:
     """One session, or one table beside where it is from: its readings would count double.
 
@@ -31,7 +36,7 @@ def refuse_twice(sessions: Sequence[tuple[object, Session]]) -> None:
     name_by_content: dict[object, object] = {}
     by_origin = sorted(sessions, key=lambda entry: entry[1].opened.origin == "imported")
     for name, session in by_origin if len(sessions) > 1 else ():
-        table = tuple((r.leg, r.axis, r.posture_mm, r.text, r.mount) for r in session.readings)
+        table = table_of(session)
         contents: dict[object, str] = {session.digest or id(session): "the same session twice"}
         if table and session.opened.origin == "imported":
             contents[table] = "the same readings twice"

@@ -19,7 +19,7 @@ class PastEntry(Document):
 
     ``decision`` is on the machine as it was found, None without a tolerance in its file.
     ``effects`` are None where nobody asked for a diagnosis. ``dated`` is false for an imported
-    table whose day nobody stated.
+    table whose day nobody stated. ``table`` is a digest of the readings of an imported table.
     """
 
     began: AwareDatetime
@@ -30,6 +30,7 @@ class PastEntry(Document):
     decision: Decision | None = None
     effects: tuple[str, ...] | None = None
     problem: str = ""
+    table: str = ""
 
 
 class PostureEntry(PastEntry):

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from app.evaluating.correction import ControllerCorrections, Gain, SessionCorrection
+from app.evaluating.correction import ControllerCorrections, SessionCorrection
 from app.evaluating.loading import load_sessions
 from app.evaluating.printer import PrinterChange, printer_change
 from app.evaluating.tolerance import check_tolerance
@@ -44,7 +44,6 @@ if TYPE_CHECKING:  # asked for by option only
     from calib.diagnosis.results import Verdict
     from calib.identify.fit import Size
     from calib.posterior.correction import Holds, ToolOff
-    from calib.posterior.models import Posterior
     from calib.tripod.effects.effect import AdoptedLaws
     from calib.tripod.workspace import PlaneMap
     from protocols.machine import Machine
@@ -112,19 +111,9 @@ class SessionSolution(Tabled):
         return self.corrections.frame
 
     @property
-    def posterior(self) -> Posterior:
-        """What the sessions tell of the machine; worked out once for all sets and controllers."""
-        return self.corrections.posterior
-
-    @property
     def correction(self) -> SessionCorrection:
         """What to enter in the controller. Raises NotIdentifiable."""
         return self.corrections.of(self.holds)
-
-    @property
-    def others(self) -> tuple[Gain, ...]:
-        """What the tool keeps where the same controller holds something else."""
-        return self.corrections.others(self.correction)
 
     @cached_property
     def printer_change(self) -> PrinterChange | None:
@@ -143,7 +132,7 @@ class SessionSolution(Tabled):
         for (law, place), tolerance in tolerances.items():
             if law.stage not in MOVES_THE_TOOL:
                 continue
-            value, deviation = self.posterior.value_of((law, place))
+            value, deviation = self.corrections.posterior.value_of((law, place))
             unit = law.parameters[0].unit
             parameters.append(LineParameter(law.id, place, value, 2.0 * deviation, tolerance, unit))
         return tuple(parameters)
@@ -153,23 +142,22 @@ class SessionSolution(Tabled):
         """What is shown first and entered: all values of a printer, else those that are held."""
         return self.printer_change or self.correction
 
-    @property
-    def is_worked_out(self) -> bool:
-        """Whether `work_out` was done, for whichever set."""
-        return self.corrections.is_worked_out
-
     def work_out(self) -> SessionSolution:
         """Work out every correction and its bounds: later they take no time."""
-        _, change = self.others, self.printer_change
+        _, change = self.corrections.others(self.correction), self.printer_change
         off = change.off if change else self.correction.off
         _ = self.correction.off_now.bound_mm, off.bound_mm, self.choice.solutions
         return self
 
     @cached_property
+    def readings(self) -> list[tuple[str, Reading]]:
+        """The readings that count, with the names of their sessions."""
+        return _counting(self.sessions)
+
+    @cached_property
     def visits(self) -> tuple[tuple[str, Reading], ...]:
         """The readings, of those without a movement between them the first, with their sessions."""
-        readings = _counting(self.sessions)
-        return tuple(readings[row] for row in visit_starts(self.observations).tolist())
+        return tuple(self.readings[row] for row in visit_starts(self.observations).tolist())
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -219,26 +207,25 @@ class SessionSolution(Tabled):
     @property
     def noisy(self) -> tuple[NoisyChannel, ...]:
         """Indicators that scatter more than the quietest."""
-        readings = _counting(self.sessions)
-        indicators = noisy_indicators(self.observations, self.noise_of_each)
-        return tuple(NoisyChannel(*readings[indicator.row], indicator) for indicator in indicators)
+        return tuple(
+            NoisyChannel(*self.readings[indicator.row], indicator)
+            for indicator in noisy_indicators(self.observations, self.noise_of_each)
+        )
 
     @cached_property
     def isolated(self) -> tuple[IsolatedReadings, ...]:
         """Readings that have no other posture to compare with."""
-        readings = _counting(self.sessions)
         return tuple(
-            IsolatedReadings(readings[rows[0]][0], tuple(readings[row][1] for row in rows))
+            IsolatedReadings(
+                self.readings[rows[0]][0], tuple(self.readings[row][1] for row in rows)
+            )
             for rows in single_posture_rows(self.observations)
         )
 
     @cached_property
     def still(self) -> tuple[tuple[str, Reading, int], ...]:
         """Set-ups that read one value in every posture: session, first reading, how many."""
-        rows_of_reading = _counting(self.sessions)
-        return tuple(
-            (*rows_of_reading[rows[0]], len(rows)) for rows in still_rows(self.observations)
-        )
+        return tuple((*self.readings[rows[0]], len(rows)) for rows in still_rows(self.observations))
 
     def with_subset(self, subset: Subset) -> SessionSolution:
         """Another set of the same choice; nothing is fitted again.
@@ -289,7 +276,7 @@ class SessionSolution(Tabled):
         distances = [
             (session.name, line) for session in self.sessions for line in session.distances
         ]
-        off = self.posterior.distances_left.tolist()
+        off = self.corrections.posterior.distances_left.tolist()
         if not distances or max(map(abs, off)) <= BEYOND_CHANCE:
             return None
         furthest = max(range(len(off)), key=lambda k: abs(off[k]))
@@ -581,7 +568,7 @@ def decided_in(off: ToolOff, frame: Frame, tolerance_mm: float) -> Decision:
     return decide(off.least_in(frame), off.bound_in(frame), tolerance_mm)
 
 
-def monte_carlo(result: SessionSolution, sessions: int, seed: int) -> MonteCarlo:
+def monte_carlo_of(result: SessionSolution, sessions: int, seed: int) -> MonteCarlo:
     """Sessions like this one on machines like this one, identified as this one was.
 
     All indicators scatter alike there; with a coarse display the machines differ by some steps. A

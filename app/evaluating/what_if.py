@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from app.evaluating.correction import case_of
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_sessions
-from calib.errors import NotIdentifiable, UsageError, check_number
+from calib.errors import NotIdentifiable, UnreachablePosture, UsageError, check_number
 from calib.identify.identify import IdentificationCase, identify
 from calib.identify.solution import FittedSize, Solution, Subset
 from calib.posterior.library import STATED_ONLY
@@ -18,12 +18,24 @@ from calib.posterior.tool import FREE_IN, Frame
 from calib.quantity import Sizes, round_step
 from calib.tripod.controller import commanded_with, tool_error_free_of_mm
 from calib.tripod.effects import BESIDE_CATALOGUE
-from calib.tripod.effects.candidates import Candidate, candidates, single_places
+from calib.tripod.effects.candidates import (
+    Candidate,
+    axes_together,
+    candidates,
+    single_places,
+)
 from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
 from protocols.effect_entries import LARGEST_SIZE, EffectEntry, ParameterEntry
-from protocols.model_file import ModelFile, effect_entry, placed_effects, sizes_of, to_model
+from protocols.model_file import (
+    ModelFile,
+    effect_entry,
+    entries_of_laws,
+    placed_effects,
+    sizes_of,
+    to_model,
+)
 from protocols.observations import indicator_figures, to_observations
 from protocols.session import Session
 
@@ -68,13 +80,18 @@ class Trial:
 
     def placed(self, entry: EffectEntry) -> tuple[EffectInstance, ...]:
         """The entry for the simulation."""
-        return placed_effects(entry, self.effects, self.beside.machine.geometry(), "effect")
+        geometry = self.beside.machine.geometry()
+        return tuple(
+            instance
+            for law_entry in entries_of_laws(entry)
+            for instance in placed_effects(law_entry, self.effects, geometry, "effect")
+        )
 
     @cached_property
     def parameters(self) -> tuple[EffectParameter, ...]:
         """What the effect says of each size."""
-        kind = self.placed(self.entry)[0].effect
-        parameter_of_name = {parameter.name: parameter for parameter in kind.parameters}
+        laws = [instance.effect for instance in self.placed(self.entry)]
+        parameter_of_name = {p.name: p for law in laws for p in law.parameters}
         return tuple(
             parameter_of_name[parameter.of or name]
             for name, parameter in self.entry.parameters.items()
@@ -86,22 +103,18 @@ class Trial:
         solution = self.solution(self.entry.freed())
         return solution.sizes[len(solution.sizes) - len(self.entry.parameters) :]
 
-    def usual(self) -> Trial:
+    def begin(self) -> Trial:
         """The trial with the set of parameters that the readings determine beside the sizes.
 
-        Raises NotIdentifiable where nothing can be solved.
+        All that is worked out once is. Raises NotIdentifiable where nothing can be solved.
         """
-        if self.subset is not None:
-            return self
-        try:
-            result = self.result(self.entry.freed())
-        except NotIdentifiable:
-            result = self.without.result
-        return replace(self, subset=result.solution.subset)
-
-    def begin(self) -> Trial:
-        """The `usual` one, with all that is worked out once. Raises NotIdentifiable."""
-        trial = self.usual()
+        trial = self
+        if self.subset is None:
+            try:
+                result = self.result(self.entry.freed())
+            except NotIdentifiable:
+                result = self.without.result
+            trial = replace(self, subset=result.solution.subset)
         _ = trial.without.solution, trial.sizes
         return trial
 
@@ -150,7 +163,9 @@ class Trial:
         return IdentificationCase.of(model, observations, indicator_figures(self.sessions))
 
     def _with(self, entry: EffectEntry) -> ModelFile:
-        return self.beside.model_copy(update={"effects": (*self.beside.effects, entry)})
+        return self.beside.model_copy(
+            update={"effects": (*self.beside.effects, *entries_of_laws(entry))}
+        )
 
     def solution(self, entry: EffectEntry) -> Solution:
         """The solution with the effect as the entry has it. Raises NotIdentifiable."""
@@ -262,7 +277,13 @@ def what_if(
         least = max(-limit, parameter.least)
         check_number(f"size of {effect}, {parameter.name}", value, least, limit, parameter.unit)
     outcome = trial.at(values)
-    _ = outcome.result, outcome.work_out()  # what cannot be worked out is said here
+    try:
+        _ = outcome.result, outcome.work_out()  # what cannot be worked out is said here
+    except UnreachablePosture as problem:
+        pairs = zip(values, outcome.units, strict=True)
+        sizes = ", ".join(f"{value:g} {unit}" for value, unit in pairs)
+        allowed_words = "a size with which the legs of this machine still meet"
+        raise UsageError(f"size of {effect}", sizes, allowed_words) from problem
     return outcome
 
 
@@ -279,7 +300,9 @@ def _of_the_catalogue(sessions: Sequence[Session]) -> Iterator[EffectEntry]:
     names = {(candidate.id, candidate.where) for candidate in arrangements}
     singles = (c for c in single_places(model, conditions, laws) if (c.id, c.where) not in names)
     place_of_id = {law.id: k for k, law in enumerate(laws)}
-    for candidate in sorted((*arrangements, *singles), key=lambda c: place_of_id[c.id]):
+    together = axes_together(arrangements)
+    unions = together[:1] if together else ()
+    for candidate in sorted((*arrangements, *unions, *singles), key=lambda c: place_of_id[c.id]):
         yield _of_size_zero(candidate)
 
 

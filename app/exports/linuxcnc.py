@@ -96,9 +96,8 @@ def with_kinematics(offsets: Offsets) -> Export:
     unit = offsets.controller.mm_per_unit if offsets.controller else 1.0
     source = resources.files("app.exports").joinpath(f"{MODULE}.comp").read_text(encoding="utf-8")
     offsets = for_joints(offsets, "kinematics")
-    comment_lines = [line for text in origin(offsets) for line in short_lines(text)]
     by_joint = joint_of_each_drive(joints_of_drives(offsets), MODULE)
-    hal = "".join(f"# {line}\n" for line in comment_lines)
+    hal = "".join(f"# {line}\n" for line in short_lines(origin(offsets)))
     hal += pins(
         offsets.model, unit, [(drive_joint.joint, drive_joint.way) for drive_joint in by_joint]
     )
@@ -119,7 +118,7 @@ def joint_files(offsets: Offsets, *, kinematics: bool) -> Export:
     for drive_joint, entries in entries_of(offsets):
         joint, drive, joint_now = drive_joint.joint, drive_joint.drive, drive_joint.now
         unit = controller.mm_per_unit if controller else 1.0
-        comment_lines = [*origin(offsets, joint, drive), *_of_joint(offsets, drive_joint, entries)]
+        comment_lines = [origin(offsets, joint, drive), *_of_joint(offsets, drive_joint, entries)]
         moving = list(travel(offsets, drive_joint, entries))
         travels += moving
         comment_lines += [*moving, *within, *offsets.cautions]
@@ -181,14 +180,12 @@ def _refuse_what_is_not_known(offsets: Offsets) -> None:
         )
 
 
-def origin(offsets: Offsets, joint: int | None = None, drive: int = 0) -> list[str]:
+def origin(offsets: Offsets, joint: int | None = None, drive: int = 0) -> str:
     """Machine, session, when it was measured, digest, version."""
     of = "" if joint is None else f"joint {joint} ({LEG_NAMES[drive]}) of "
     date_words = f", {one_line(offsets.made)}" if offsets.made else ""
-    return [
-        f"glidecal: {of}{one_line(offsets.machine.name)}, from "
-        f"{one_line(offsets.source)}{date_words}"
-    ]
+    machine, source = one_line(offsets.machine.name), one_line(offsets.source)
+    return f"glidecal: {of}{machine}, from {source}{date_words}"
 
 
 def _of_joint(offsets: Offsets, drive_joint: DriveJoint, entries: JointEntries) -> Iterator[str]:

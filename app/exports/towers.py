@@ -134,7 +134,7 @@ def comments(
         height_words = f"with these values the tool at Zero is about {abs(z):.2f} mm {way} than now"
     lines = [
         f"{TOUCH}; {height_words}",
-        *origin(offsets),
+        origin(offsets),
         instruction,
         f"made for a controller with {radius}, lengths of the bars "
         f"{_three(now.length_mm)} mm, towers at {_three(now.angle_deg)}°{controller_words}; if it "
@@ -162,8 +162,8 @@ def comments(
     return [line for text in (*lines, *offsets.cautions) for line in short_lines(text)]
 
 
-def _three(values: FloatArray, decimals: int = 3) -> str:
-    return ", ".join(f"{value:.{decimals}f}" for value in values.tolist())
+def _three(values: FloatArray) -> str:
+    return ", ".join(f"{value:.3f}" for value in values.tolist())
 
 
 def printer_cfg(offsets: Offsets) -> Export:

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from app.machines.hexaslide_sessions import SESSIONS, ImportOptions, RunOptions, tell_warnings
+from app.machines.hexaslide_sessions import SESSIONS
 from app.machines.options import (
     Answer,
     Family,
-    PostureSearch,
-    Question,
-    Say,
     ScreenAnswer,
-    Simulation,
     deliver,
     file,
     machine_file_of,
@@ -26,6 +22,8 @@ from app.machines.options import (
     number,
     option,
     parts,
+    say,
+    tell_warnings,
     working,
 )
 from app.screens import Look
@@ -52,25 +50,24 @@ def _parts_known(typed: str | None) -> tuple[str, ...] | None:
     return None if typed is None else parts(typed.replace("none", ""))
 
 
-@dataclass(frozen=True)
-class IdentifiabilityOptions:
-    """Options of ``identifiability``."""
-
-    measured: MeasuredDistance = ""
-    known: Known = None
+def identifiability(
+    _name: str,
+    procedure: str | None,
+    machine_file: Path | None,
+    *,
+    measured: MeasuredDistance = "",
+    known: Known = None,
     postures: Annotated[int | None, option("Hexa Slide: random postures.", min=1, max=10_000)] = (
         None
-    )
+    ),
     posture_file: Annotated[Path | None, file("Hexa Slide: postures of a .csv or .json file.")] = (
         None
-    )
-    seed: Annotated[int, option("Seed of random postures.", min=0)] = 0
+    ),
+    seed: Annotated[int, option("Seed of random postures.", min=0)] = 0,
     screen: Annotated[bool, option("Hexa Slide: show the postures on a screen.", "--screen")] = (
         False
-    )
-
-
-def identifiability(question: Question, options: IdentifiabilityOptions) -> Answer | ScreenAnswer:
+    ),
+) -> Answer[Any] | ScreenAnswer:
     """What the procedure sees, with what papers/001 says of it; on a screen where that is wished.
 
     Measured components alone are those of a posture. Raises UsageError without either.
@@ -82,28 +79,29 @@ def identifiability(question: Question, options: IdentifiabilityOptions) -> Answ
     from calib.hexaslide.planning import look_at
 
     request = Request(
-        question.procedure or "pose-forward",
-        question.machine_file,
-        measured=parts(options.measured),
-        known=_parts_known(options.known),
-        postures=options.postures,
-        posture_file=options.posture_file,
-        seed=options.seed,
+        procedure or "pose-forward",
+        machine_file,
+        measured=parts(measured),
+        known=_parts_known(known),
+        postures=postures,
+        posture_file=posture_file,
+        seed=seed,
     )
-    if not (question.procedure or request.measured):
+    if not (procedure or request.measured):
         raise UsageError(
             "--procedure", "none", "the name of a procedure", "For hexaslide --measured also does."
         )
-    if options.screen:
+    if screen:
         need_terminal("--screen", "the verb without it")
     planned = hexaslide_planning(request)
-    if options.screen:
-        return ScreenAnswer(lambda: _screen(request))
+    if screen:
+        return ScreenAnswer(partial(_screen, request))
     with working("Looking at the postures"):
         planning_view = look_at(planned)
     return Answer(
-        lambda: seen_text(planning_view),
-        lambda: HexaSlideIdentifiabilityReport.of(planning_view.seen, planning_view),
+        planning_view,
+        seen_text,
+        lambda view: HexaSlideIdentifiabilityReport.of(view.seen, view),
     )
 
 
@@ -152,18 +150,25 @@ Hexa Slide     another machine: what can be identified, drawn, and where
 )
 
 
-@dataclass(frozen=True)
-class PostureOptions:
-    """Options of ``postures``."""
-
-    measured: MeasuredDistance = ""
-    known: Known = None
+def postures(
+    _name: str,
+    procedure: str,
+    machine_file: Path | None,
+    count: int | None,
+    criterion: str,
+    seed: int,
+    starts: int,
+    output: Path | None,
+    force: bool,
+    *,
+    measured: MeasuredDistance = "",
+    known: Known = None,
     posture_file: Annotated[Path | None, file("Hexa Slide: .csv or .json file to start from.")] = (
         None
-    )
+    ),
     as_is: Annotated[bool, option("Only judge the --posture-file, move nothing.", "--as-is")] = (
         False
-    )
+    ),
     space: Annotated[
         Literal["box", "joints", "link"] | None,
         option(
@@ -171,137 +176,124 @@ class PostureOptions:
             "(what the constraint link allows); default link where the procedure has one.",
             show_default=False,
         ),
-    ] = None
+    ] = None,
     scaled: Annotated[bool, option("Hexa Slide: a criterion that no unit changes.", "--scaled")] = (
         False
-    )
+    ),
     few: Annotated[
         bool, option("Hexa Slide: fewer postures than show all, as in papers/001.", "--few")
-    ] = False
-
-
-def postures(
-    question: Question, search: PostureSearch, options: PostureOptions, say: Say
-) -> Answer:
+    ] = False,
+) -> Answer[Any]:
     """Postures anywhere in the box, or between the ends of the rails."""
     from app.planning.hexaslide import Request, asked_postures, posture_table
     from app.report.schema.hexaslide import HexaSlidePosturesReport
     from app.report.text.hexaslide import postures_text
+    from calib.design.criteria import Criterion
     from calib.hexaslide.search import Search
     from protocols.files import write_files
 
     request = Request(
-        question.procedure,
-        question.machine_file,
-        measured=parts(options.measured),
-        known=_parts_known(options.known),
-        posture_file=options.posture_file,
-        seed=search.seed,
+        procedure,
+        machine_file,
+        measured=parts(measured),
+        known=_parts_known(known),
+        posture_file=posture_file,
+        seed=seed,
     )
-    request_search = Search(
-        search.criterion,
-        starts=search.starts,
-        space=options.space,
-        scaled=options.scaled,
-        few=options.few,
-    )
-    may = may_write(search.output, ".csv", force=search.force)
+    search = Search(Criterion(criterion), starts=starts, space=space, scaled=scaled, few=few)
+    may = may_write(output, ".csv", force=force)
     with working("Looking for postures"):
-        best = asked_postures(request, search.count, request_search, as_is=options.as_is)
-    if search.output:
-        write_files(search.output, {"": posture_table(best.coordinates)}, replace=may)
-        say(f"postures written to {search.output}")
-    return Answer(lambda: postures_text(best), lambda: HexaSlidePosturesReport.of(best))
+        best = asked_postures(request, count, search, as_is=as_is)
+    if output:
+        write_files(output, {"": posture_table(best.coordinates)}, replace=may)
+        say(f"postures written to {output}")
+    return Answer(best, postures_text, HexaSlidePosturesReport.of)
 
 
-@dataclass(frozen=True)
-class SimulateOptions:
-    """Options of ``simulate``."""
-
-    procedure: Annotated[str | None, option("Hexa Slide: pose-inverse, position, …")] = None
+def simulate(
+    output: Path,
+    machine: str | None,
+    seed: int,
+    force: bool,
+    *,
+    procedure: Annotated[str | None, option("Hexa Slide: pose-inverse, position, …")] = None,
     postures: Annotated[int | None, option("Hexa Slide: how many, random.", min=1, max=10_000)] = (
         None
-    )
+    ),
     noise: Annotated[
         float | None, number("Hexa Slide: standard deviation of a measured length, mm.", 0.0, 10.0)
-    ] = None
+    ] = None,
     angle_noise: Annotated[
         float | None,
         number("Hexa Slide: of a measured angle, mrad; default as --noise.", 0.0, 10.0),
-    ] = None
+    ] = None,
     errors: Annotated[
         float | None, number("Hexa Slide: of each hidden error, mm (default 1).", 0.0, 10.0)
-    ] = None
+    ] = None,
     measured: Annotated[str | None, option("Hexa Slide: such as x,y,z,theta or turn1,swing1.")] = (
         None
-    )
-    machine_file: Annotated[Path | None, file("Hexa Slide: machine file (TOML).")] = None
-    posture_file: Annotated[Path | None, file("Hexa Slide: these postures (CSV, JSON).")] = None
-    truth: Annotated[Path | None, file("Hexa Slide: file for the true machine.")] = None
-
-
-def simulate(simulation: Simulation, options: SimulateOptions, say: Say) -> None:
+    ),
+    machine_file: Annotated[Path | None, file("Hexa Slide: machine file (TOML).")] = None,
+    posture_file: Annotated[Path | None, file("Hexa Slide: these postures (CSV, JSON).")] = None,
+    truth: Annotated[Path | None, file("Hexa Slide: file for the true machine.")] = None,
+) -> None:
     """Measured postures into a file."""
     from app.planning.hexaslide import Request, write_simulated
     from app.report.text.hexaslide_calibration import simulated_text
     from protocols.files import STANDARD_OUTPUT
 
-    if options.procedure is None or (options.posture_file is None) == (options.postures is None):
+    if procedure is None or (posture_file is None) == (postures is None):
         raise UsageError(
             "--procedure, --postures, --posture-file",
             "too few or too many",
             "with --machine hexaslide a procedure and either a number or a file of postures",
         )
     request = Request(
-        options.procedure,
-        machine_file_of(simulation.machine or NAMES[0], NAMES, options.machine_file),
-        parts(options.measured),
-        postures=options.postures,
-        posture_file=options.posture_file,
-        seed=simulation.seed,
+        procedure,
+        machine_file_of(machine or NAMES[0], NAMES, machine_file),
+        parts(measured),
+        postures=postures,
+        posture_file=posture_file,
+        seed=seed,
     )
-    printed = simulation.output == STANDARD_OUTPUT
-    output = None if printed else simulation.output
-    may = may_replace(simulation.force, output, options.truth)
-    measured = write_simulated(
+    printed = output == STANDARD_OUTPUT
+    target = None if printed else output
+    measured_postures = write_simulated(
         request,
-        output,
-        options.truth,
-        noise_mm=options.noise,
-        angle_noise_mrad=options.angle_noise,
-        errors_mm=options.errors,
-        replace=may,
+        target,
+        truth,
+        noise_mm=noise,
+        angle_noise_mrad=angle_noise,
+        errors_mm=errors,
+        replace=may_replace(force, target, truth),
     )
     if printed:
-        typer.echo(measured.text(), nl=False)
+        typer.echo(measured_postures.text(), nl=False)
     else:
-        say(f"{simulated_text(measured)}, written to {simulation.output}")
-    if options.truth is not None:
-        say(f"the true machine written to {options.truth}")
+        say(f"{simulated_text(measured_postures)}, written to {output}")
+    if truth is not None:
+        say(f"the true machine written to {truth}")
 
 
-@dataclass(frozen=True)
-class SolveOptions:
-    """Options of ``solve``."""
-
+def solve(
+    files: Sequence[Path],
+    *,
     model: Annotated[
         Path | None, file("Fit the sizes of this model's effects together with the parameters.")
-    ] = None
-    truth: Annotated[Path | None, file("Hexa Slide: the true machine that simulate wrote.")] = None
+    ] = None,
+    truth: Annotated[Path | None, file("Hexa Slide: the true machine that simulate wrote.")] = None,
     held_out: Annotated[
         float | None,
         number("Hexa Slide: share of postures kept out as a check (default 0.2).", 0.0, 0.9),
-    ] = None
+    ] = None,
     corrected: Annotated[
         Path | None, file("Hexa Slide: folder for the calibrated machine and its kinematics.")
-    ] = None
+    ] = None,
     posture_file: Annotated[
         Path | None, file("Hexa Slide: desired postures; --corrected writes their commands.")
-    ] = None
-    force: Annotated[bool, option("Hexa Slide: replace files of --corrected.", "--force")] = False
-
-
-def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
+    ] = None,
+    force: Annotated[bool, option("Hexa Slide: replace files of --corrected.", "--force")] = False,
+) -> Answer[Any]:
     """Identify from one file of measured postures."""
     from app.evaluating.hexaslide_calibration import SHARE, calibrate_file
     from app.report.schema.hexaslide import HexaSlideCalibrationReport
@@ -309,20 +301,18 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
 
     if len(files) != 1:
         raise UsageError(FAMILY.measured, f"{len(files)} files", "one file")
-    if options.posture_file is not None and options.corrected is None:
+    if posture_file is not None and corrected is None:
         raise UsageError("--posture-file", "no --corrected", "both, or none")
-    share = SHARE if options.held_out is None else options.held_out
+    share = SHARE if held_out is None else held_out
     with working("Solving"):
-        result = calibrate_file(files[0], options.truth, share, options.model)
+        result = calibrate_file(files[0], truth, share, model)
     tell_warnings(result.warnings)
-    if options.corrected is not None:
+    if corrected is not None:
         from app.exports.hexaslide import calibrated_files, kinematics_words
 
-        deliver(
-            options.corrected, calibrated_files(result, options.posture_file), force=options.force
-        )
+        deliver(corrected, calibrated_files(result, posture_file), force=force)
         say(f"glidecal: {kinematics_words(result.entered)}")
-    return Answer(lambda: calibration_text(result), lambda: HexaSlideCalibrationReport.of(result))
+    return Answer(result, calibration_text, HexaSlideCalibrationReport.of)
 
 
 FAMILY = Family(
@@ -332,14 +322,6 @@ FAMILY = Family(
     measured="measured postures of a hexaslide",
     criterion="condition",
     posture_file="Hexa Slide: postures (.csv)",
-    options={
-        "identifiability": IdentifiabilityOptions,
-        "postures": PostureOptions,
-        "simulate": SimulateOptions,
-        "solve": SolveOptions,
-        "run": RunOptions,
-        "import": ImportOptions,
-    },
     reads=reads,
     identifiability=identifiability,
     postures=postures,

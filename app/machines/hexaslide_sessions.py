@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,17 +13,14 @@ import typer
 from app.exit_codes import Exit
 from app.machines.options import (
     Answer,
-    DiagnosisRequest,
-    ImportRequest,
-    RunRequest,
-    Say,
     SessionVerbs,
     file,
     may_replace,
     number,
+    say,
+    tell_warnings,
     working,
 )
-from app.machines.options import say as tell
 from calib.errors import IndicatorError, RecordError, UsageError
 from calib.printable import counted
 
@@ -34,41 +30,19 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.report.pages.report import ReportSource
     from drivers.line import IndicatorLine
     from protocols.files import Contents
-    from protocols.hexaslide_session import PosturesOpened
+    from protocols.hexaslide_session import PostureSession, PosturesOpened
+    from protocols.record import Record
 
 NAME = "hexaslide"
-HELP = "Hexa Slide: postures (.csv) instead of those of the procedure."
+Postures = Annotated[
+    Path | None, file("Hexa Slide: postures (.csv) instead of those of the procedure.")
+]
 OF_PROCEDURE = "default: that of the procedure."
 WAYS = "again, skip REASON, pause"
 ANSWERS = (
     "again (it is not used; its posture is read once more), keep (it is used), pause (the "
     "session can be continued)"
 )
-
-
-@dataclass(frozen=True)
-class ImportOptions:
-    """Options of ``import``."""
-
-    posture_file: Annotated[Path | None, file(HELP)] = None
-    noise_mm: Annotated[
-        float | None,
-        number(f"Hexa Slide: standard deviation of a measured length, mm; {OF_PROCEDURE}", 0, 100),
-    ] = None
-    noise_deg: Annotated[
-        float | None,
-        number(f"Hexa Slide: standard deviation of a measured angle, °; {OF_PROCEDURE}", 0, 100),
-    ] = None
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """Options of ``run``."""
-
-    posture_file: Annotated[Path | None, file(HELP)] = None
-    behind: Annotated[
-        Path | None, file("Hexa Slide, --simulated: the machine of this earlier simulated session.")
-    ] = None
 
 
 def _opened(
@@ -96,60 +70,110 @@ def _opened(
     )
 
 
-def imported(importing: ImportRequest, options: ImportOptions, say: Say) -> None:
-    """A session of a table, or the table to be filled in."""
+def imported(
+    source: Path,
+    output: Path | None,
+    machine: str | None,
+    protocol: str | None,
+    template: bool,
+    remarks: Sequence[str],
+    measured_on: date | None,
+    force: bool,
+    *,
+    posture_file: Postures = None,
+    noise_mm: Annotated[
+        float | None,
+        number(f"Hexa Slide: standard deviation of a measured length, mm; {OF_PROCEDURE}", 0, 100),
+    ] = None,
+    noise_deg: Annotated[
+        float | None,
+        number(f"Hexa Slide: standard deviation of a measured angle, °; {OF_PROCEDURE}", 0, 100),
+    ] = None,
+) -> None:
+    """A session of a table, or with ``template`` the table to be filled in."""
     from app.measuring.hexaslide import commanded, import_postures
     from protocols.files import write_files
     from protocols.hexaslide_table import empty_table
 
-    output = importing.source if importing.template else importing.output
-    if output is None:
+    path = source if template else output
+    if path is None:
         raise UsageError("--output", "none", "-o SESSION, or --template to write an empty table")
     opened = _opened(
-        importing.machine,
-        importing.protocol,
-        options.posture_file,
+        machine,
+        protocol,
+        posture_file,
         origin="imported",
-        remarks=tuple(filter(None, [" ".join(importing.remarks)])),
-        measured_on=importing.measured_on,
+        remarks=tuple(filter(None, [" ".join(remarks)])),
+        measured_on=measured_on,
     )
-    procedure = opened.procedure
-    noise = {"noise_mm": options.noise_mm, "noise_deg": options.noise_deg}
-    if importing.template:
-        if any(value is not None for value in noise.values()):
+    if template:
+        if noise_mm is not None or noise_deg is not None:
             raise UsageError("--noise-mm, --noise-deg", "--template", "with a table to be read")
-        may = may_replace(importing.force, output)
-        write_files(output, {"": empty_table(commanded(opened))}, replace=may)
-        say(f"{procedure.name} to be filled in, units in the second row: {output}")
+        may = may_replace(force, path)
+        write_files(path, {"": empty_table(commanded(opened))}, replace=may)
+        say(f"{opened.procedure.name} to be filled in, units in the second row: {path}")
         return
-    if options.posture_file is not None:
+    if posture_file is not None:
         raise UsageError("--posture-file", "no --template", "with --template, or with run")
-    opened = opened.model_copy(update={"procedure": procedure.with_noise(**noise)})
-    session, odd = import_postures(importing.source, output, opened)
-    for text in odd:
-        say(f"glidecal: {text}")
-    say(f"{counted(len(session.readings), 'posture')} written to {output}")
+    procedure = opened.procedure.with_noise(noise_mm=noise_mm, noise_deg=noise_deg)
+    opened = opened.model_copy(update={"procedure": procedure})
+    session, odd = import_postures(source, path, opened)
+    tell_warnings(odd)
+    say(f"{counted(len(session.readings), 'posture')} written to {path}")
 
 
-def run(running: RunRequest, options: RunOptions, say: Say) -> None:
-    """Posture after posture: simulated, or typed in a terminal."""
+def run(
+    machine: str | None,
+    protocol: str | None,
+    output: Path | None,
+    resume: Path | None,
+    operator: str,
+    temperature_c: float | None,
+    note: str,
+    seed: int | None,
+    dry_run: bool,
+    indicators: Sequence[str],
+    *,
+    posture_file: Postures = None,
+    behind: Annotated[
+        Path | None, file("Hexa Slide, --simulated: the machine of this earlier simulated session.")
+    ] = None,
+) -> None:
+    """Posture after posture: simulated with a ``seed``, or typed in a terminal."""
     from app.measuring.hexaslide import PostureTaking, commanded, measure_simulated
     from app.report.streams import need_terminal
     from app.report.text.hexaslide_session import plan_text
+    from protocols.hexaslide_session import read_postures, simulated_truth
 
-    if running.resume is not None:
-        if options != RunOptions():
+    if resume is not None:
+        if posture_file is not None or behind is not None:
             raise UsageError("--posture-file, --behind", "beside --continue", "--continue alone")
-        taking = PostureTaking.resume(running.resume)
+        taking = PostureTaking.resume(resume)
     else:
-        opened = _begun(running, options)
-        if running.dry_run:
+        opened = _opened(
+            machine,
+            protocol,
+            posture_file,
+            origin="measured" if seed is None else "simulated",
+            operator=operator,
+            temperature_c=temperature_c,
+            remarks=tuple(filter(None, [note])),
+            seed=seed,
+            indicator="".join(indicators),
+        )
+        _check_indicators(opened, indicators)
+        if behind is not None:
+            if seed is None:
+                raise UsageError("--behind", "no --simulated", "with --simulated alone")
+            truth = simulated_truth(read_postures(behind)[0])
+            opened = opened.model_copy(update={"truth": truth})
+        if dry_run:
             typer.echo(plan_text(commanded(opened)))
             return
-        if opened.seed is None:
+        if seed is None:
             need_terminal("run", "--simulated, or glidecal import of a table")
-        name = Path(running.protocol).stem if running.protocol else NAME
-        path = running.output or Path(f"{date.today():%Y-%m-%d}-{name}.jsonl")
+        name = Path(protocol).stem if protocol else NAME
+        path = output or Path(f"{date.today():%Y-%m-%d}-{name}.jsonl")
         taking = PostureTaking.begin(path, opened)
     try:
         seed = taking.session.opened.seed
@@ -157,7 +181,7 @@ def run(running: RunRequest, options: RunOptions, say: Say) -> None:
             measure_simulated(taking, seed, say)
         else:
             need_terminal("run", "glidecal import of a table")
-            _typed(taking, say)
+            _take_typed(taking)
     except (KeyboardInterrupt, typer.Abort):
         say(f"Paused. Go on with: glidecal run --continue {taking.path}")
         raise typer.Exit(Exit.INTERRUPTED) from None
@@ -166,61 +190,44 @@ def run(running: RunRequest, options: RunOptions, say: Say) -> None:
     say(f"{counted(len(taking.session.readings), 'posture')} in {taking.path}")
 
 
-def _begun(running: RunRequest, options: RunOptions) -> PosturesOpened:
+def _check_indicators(opened: PosturesOpened, indicators: Sequence[str]) -> None:
+    """Raises UsageError for more than one, and where none can read what is measured."""
     from app.measuring.hexaslide import INDICATED
-    from protocols.hexaslide_session import read_postures, simulated_truth
 
-    opened = _opened(
-        running.machine,
-        running.protocol,
-        options.posture_file,
-        origin="simulated" if running.simulated else "measured",
-        operator=running.operator,
-        temperature_c=running.temperature_c,
-        remarks=tuple(filter(None, [running.note])),
-        seed=running.seed if running.simulated else None,
-        indicator="".join(running.indicators),
-    )
-    procedure = opened.procedure
-    if len(running.indicators) > 1:
-        raise UsageError("--indicator", f"{len(running.indicators)}", "one, in the link")
-    if running.indicators:
-        if running.simulated or procedure.whole().measured != INDICATED:
-            given_words = "--simulated" if running.simulated else f"procedure {procedure.name}"
-            raise UsageError("--indicator", given_words, "a procedure that measures length alone")
-        _profile(running.indicators[0])
-    if options.behind is None:
-        return opened
-    if not running.simulated:
-        raise UsageError("--behind", "no --simulated", "with --simulated alone")
-    truth = simulated_truth(read_postures(options.behind)[0])
-    return opened.model_copy(update={"truth": truth})
+    if len(indicators) > 1:
+        raise UsageError("--indicator", f"{len(indicators)}", "one, in the link")
+    if not indicators:
+        return
+    if opened.seed is not None or opened.procedure.whole().measured != INDICATED:
+        words = f"procedure {opened.procedure.name}" if opened.seed is None else "--simulated"
+        raise UsageError("--indicator", words, "a procedure that measures length alone")
+    _line_of(indicators[0])
 
 
-def _profile(text: str) -> IndicatorLine:
+def _line_of(indicator: str) -> IndicatorLine:
     """The line of ``PROFILE:PORT``, not open yet. Raises UsageError."""
     from drivers.line import IndicatorLine
     from drivers.profiles import profile_named
 
-    profile, mark, port = text.partition(":")
+    profile, mark, port = indicator.partition(":")
     if not (mark and port):
-        raise UsageError("--indicator", repr(text), "PROFILE:PORT")
+        raise UsageError("--indicator", repr(indicator), "PROFILE:PORT")
     return IndicatorLine(profile_named(profile), port)
 
 
-def _typed(taking: PostureTaking, say: Say) -> None:
+def _take_typed(taking: PostureTaking) -> None:
     """Ask for one posture after the other until all are measured or left out."""
     indicator = taking.session.opened.indicator
     if not indicator:
-        _ask_all(taking, None, say)
+        _ask_all(taking, None)
         return
-    line = _profile(indicator)
+    line = _line_of(indicator)
     line.start()
     with closing(line):
-        _ask_all(taking, line, say)
+        _ask_all(taking, line)
 
 
-def _ask_all(taking: PostureTaking, line: IndicatorLine | None, say: Say) -> None:
+def _ask_all(taking: PostureTaking, line: IndicatorLine | None) -> None:
     from app.report.text.hexaslide_session import doubt_text, prompt_text, task_text
     from app.report.text.tables import wrapped
 
@@ -276,13 +283,7 @@ def _indicated(line: IndicatorLine) -> tuple[str, str]:
     return f"{outcome.value_mm:.10g}", outcome.text
 
 
-def tell_warnings(warnings: Sequence[str]) -> None:
-    """Say what session files warn of: that they were cut, or are not closed."""
-    for warning in warnings:
-        tell(f"glidecal: {warning}")
-
-
-def validated(path: Path) -> str:
+def validated(path: Path) -> tuple[PostureSession, Record]:
     """Raises RecordError for a record that is not whole, or not closed."""
     from protocols.hexaslide_session import read_postures
 
@@ -291,13 +292,10 @@ def validated(path: Path) -> str:
         text = record.unfinished.removeprefix(f"{path.name}: ")
         next_step = f"glidecal run --continue {path} goes on with it"
         raise RecordError(f"session {path}", reason=text, next_step=next_step)
-    return (
-        f"{path}: unbroken and closed, {len(record.events)} lines, "
-        f"{counted(len(session.all_readings), 'reading')}, {len(session.superseded)} superseded"
-    )
+    return session, record
 
 
-def replayed(path: Path, say: Say) -> Answer:
+def replayed(path: Path) -> Answer[Any]:
     """Every reading of a session."""
     from app.report.schema.hexaslide_replay import HexaSlideReplayReport
     from app.report.text.hexaslide_session import replay_text
@@ -306,7 +304,7 @@ def replayed(path: Path, say: Say) -> Answer:
     session, record = read_postures(path)
     if record.unfinished:
         say(f"glidecal: {record.unfinished}")
-    return Answer(lambda: replay_text(session), lambda: HexaSlideReplayReport.of(session, record))
+    return Answer(session, replay_text, lambda replayed: HexaSlideReplayReport.of(replayed, record))
 
 
 def exported(path: Path, format_name: str) -> tuple[Contents, tuple[str, ...]]:
@@ -336,7 +334,7 @@ def exported(path: Path, format_name: str) -> tuple[Contents, tuple[str, ...]]:
 
 def verified(
     earlier_path: Path, later_path: Path, tolerance_mm: float | None
-) -> tuple[Answer, str]:
+) -> tuple[Answer[Any], str]:
     """Whether the platform is in tolerance with the calibrated machine, and that in a word."""
     from app.evaluating.hexaslide_calibration import verify_sessions
     from app.exit_codes import NOT_JUDGED
@@ -346,29 +344,30 @@ def verified(
     with working("Solving"):
         verification = verify_sessions(earlier_path, later_path, tolerance_mm)
     tell_warnings(verification.warnings)
-    answer = Answer(
-        lambda: verification_text(verification),
-        lambda: HexaSlideVerificationReport.of(verification),
-    )
+    answer = Answer(verification, verification_text, HexaSlideVerificationReport.of)
     return answer, verification.decision or NOT_JUDGED
 
 
-def diagnosed(path: Path, request: DiagnosisRequest, say: Say) -> Answer:
-    """What is missing in the model of the machine, and the model with it."""
-    from app.evaluating.hexaslide_adoption import adopted, diagnose_postures, write_model
+def diagnosed(
+    path: Path, model: Path | None, adopt: Path | None, candidate: str | None, may_replace: bool
+) -> Answer[Any]:
+    """What is missing beside a model of the machine, and the model with it."""
+    from app.evaluating.hexaslide_adoption import adopted, diagnose_postures
     from app.report.schema.hexaslide_diagnosis import HexaSlideDiagnosisReport
     from app.report.text.hexaslide_diagnosis import diagnosis_text
+    from protocols.files import write_files
 
     with working("Diagnosing"):
-        diagnosis = diagnose_postures(path, request.model)
-        adoption = adopted(diagnosis, request.candidate) if request.adopt else None
+        diagnosis = diagnose_postures(path, model)
+        adoption = adopted(diagnosis, candidate) if adopt else None
     tell_warnings(diagnosis.warnings)
-    if adoption is not None and request.adopt is not None:
-        write_model(adoption, request.adopt, replace=request.replace)
-        say(f"model written: {request.adopt}")
+    if adoption is not None and adopt is not None:
+        write_files(adopt, {"": adoption.model.text()}, replace=may_replace)
+        say(f"model written: {adopt}")
     return Answer(
-        lambda: diagnosis_text(diagnosis, adoption),
-        lambda: HexaSlideDiagnosisReport.of(diagnosis, adoption),
+        diagnosis,
+        lambda diagnosed: diagnosis_text(diagnosed, adoption),
+        lambda diagnosed: HexaSlideDiagnosisReport.of(diagnosed, adoption),
     )
 
 
@@ -382,18 +381,16 @@ def modelled(path: Path, effect: str, why: str) -> tuple[str, str]:
     return model_text(model), model.text().rstrip("\n")
 
 
-def compared(earlier_path: Path, later_path: Path) -> Answer:
+def compared(earlier_path: Path, later_path: Path) -> Answer[Any]:
     """Whether the machine is the same in both sessions."""
-    from app.evaluating.hexaslide_comparison import compare_postures
+    from app.evaluating.hexaslide import compare_postures
     from app.report.schema.hexaslide_diagnosis import HexaSlideComparisonReport
     from app.report.text.hexaslide_comparison import comparison_text
 
     with working("Solving"):
         comparison = compare_postures(earlier_path, later_path)
     tell_warnings(comparison.warnings)
-    return Answer(
-        lambda: comparison_text(comparison), lambda: HexaSlideComparisonReport.of(comparison)
-    )
+    return Answer(comparison, comparison_text, HexaSlideComparisonReport.of)
 
 
 def reported(

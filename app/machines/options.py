@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import date
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Generic, Literal, TypeVar
 
 import typer
 from typer.models import ArgumentInfo, OptionInfo
@@ -24,8 +23,8 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.report.pages.report import ReportSource
     from app.report.schema.document import Report
     from app.screens import Look, MakeScreen
-    from calib.design.criteria import Criterion
     from protocols.files import Contents
+    from protocols.record import Record
 
 
 def _finite(value: float | None) -> float | None:
@@ -116,10 +115,15 @@ def may_replace(force: bool, *targets: Path | None) -> bool:
     return force
 
 
-def may_write(output: Path | None, suffix: str, *, force: bool) -> bool:
-    """Check a target like `may_replace`. Raises UsageError for a name that does not end so."""
+def check_ending(output: Path | None, suffix: str) -> None:
+    """Raises UsageError for the name of a file to write that does not end so."""
     if output is not None and output.name != "-" and output.suffix != suffix:
         raise UsageError("--output", f"{output}", f"a path that ends with {suffix}")
+
+
+def may_write(output: Path | None, suffix: str, *, force: bool) -> bool:
+    """Check a target like `check_ending` and `may_replace`."""
+    check_ending(output, suffix)
     return may_replace(force, output)
 
 
@@ -192,6 +196,12 @@ def say(text: str) -> None:
     typer.echo(text, err=True)
 
 
+def tell_warnings(warnings: Iterable[str]) -> None:
+    """What session files warn of, what is not used, what an export leaves out."""
+    for warning in warnings:
+        say(f"glidecal: {warning}")
+
+
 Sessions = Annotated[list[Path], argument("Session files.")]
 Force = Annotated[bool, option("Replace existing files; a session is never replaced.", "--force")]
 Output = Annotated[Path, file("File to write.", "--output", "-o", default=False)]
@@ -245,22 +255,22 @@ SCATTER_MM, RESOLUTION_MM = 0.002, 0.001
 """Of a simulated machine and its indicators where nothing is asked for."""
 
 
-Say = Callable[[str], None]
-"""Takes a line of progress, or a warning."""
+R = TypeVar("R")
 
 
 @dataclass(frozen=True)
-class Answer:
+class Answer(Generic[R]):
     """A result that can be told as text or as a document."""
 
-    text: Callable[[], str]
-    document: Callable[[], Report]
+    result: R
+    text: Callable[[R], str]
+    document: Callable[[R], Report]
 
-    def shown(self, *, as_json: bool) -> str:
-        """One of them, as it is printed."""
+    def show(self, *, as_json: bool) -> None:
+        """Print one of them."""
         from app.report.schema.document import to_json
 
-        return to_json(self.document()) if as_json else self.text()
+        typer.echo(to_json(self.document(self.result)) if as_json else self.text(self.result))
 
 
 @dataclass(frozen=True)
@@ -268,15 +278,6 @@ class ScreenAnswer:
     """A result that is looked at on a screen."""
 
     screen: MakeScreen
-
-
-@dataclass(frozen=True)
-class Question:
-    """A machine by its name or the path of its file, and a procedure; empty: none given."""
-
-    machine: str
-    procedure: str
-    machine_file: Path | None = None
 
 
 def machine_file_of(machine: str, names: Sequence[str], machine_file: Path | None) -> Path | None:
@@ -291,28 +292,6 @@ def machine_file_of(machine: str, names: Sequence[str], machine_file: Path | Non
     return Path(machine)
 
 
-@dataclass(frozen=True)
-class PostureSearch:
-    """How postures are looked for; None: not given. With ``force`` a file is replaced unasked."""
-
-    count: int | None
-    criterion: Criterion
-    seed: int
-    starts: int
-    output: Path | None
-    force: bool = False
-
-
-@dataclass(frozen=True)
-class Simulation:
-    """The machine by its name or file, None: the usual one, and the file to write."""
-
-    output: Path
-    machine: str | None = None
-    seed: int = 1
-    force: bool = False
-
-
 Place = tuple[float, float, float]
 """Of the tool, mm from Zero."""
 
@@ -324,74 +303,28 @@ def finite_place(place_mm: Place | None) -> Place | None:
     return place_mm
 
 
-Plan = Callable[[str | None, Sequence[Path], Any, Say], Answer]
-"""Proposes the next measurement of a machine, None: that of the sessions."""
-
-
-@dataclass(frozen=True)
-class ImportRequest:
-    """A table and the session to write, None: with ``template`` the table itself is written."""
-
-    source: Path
-    output: Path | None
-    machine: str | None
-    protocol: str | None
-    template: bool
-    remarks: tuple[str, ...]
-    measured_on: date | None
-    force: bool
-
-
-@dataclass(frozen=True)
-class RunRequest:
-    """What a session of its own kind of machine is asked with, as on the command line."""
-
-    machine: str | None
-    protocol: str | None
-    output: Path | None
-    resume: Path | None
-    operator: str
-    temperature_c: float | None
-    note: str
-    seed: int
-    simulated: bool
-    dry_run: bool
-    indicators: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class DiagnosisRequest:
-    """How a session is diagnosed: beside a ``model``; the model to write with a named effect, or
-    with a ``candidate``, replaced where ``replace`` says so.
-    """
-
-    model: Path | None = None
-    adopt: Path | None = None
-    candidate: str | None = None
-    replace: bool = False
-
-
 @dataclass(frozen=True)
 class SessionVerbs:
     """What a kind of machine does with sessions of its own form.
 
-    ``run`` and ``imported`` take the options of `Family.options`; ``validated`` is a sentence,
-    raising RecordError; ``exported`` are the files of a format, by name, with cautions;
-    ``compared`` is of two sessions of one machine,
+    Options of ``run`` and ``imported`` as in `Family`, beside a table to import or to write.
+    ``validated`` is a session and its record, raising RecordError; ``exported`` are the files of a
+    format, by name, with cautions; ``diagnosed`` is beside a model, and writes one with a named
+    effect, or a candidate, where a path is given; ``compared`` is of two sessions of one machine,
     ``verified`` has the decision of `app.exit_codes.VERIFIED` beside the answer; ``reported`` is
     what the report of a session is written from, with a later one, a tolerance in mm, and the head
-    of a certificate where they are given; ``modelled`` is a model file in words and as
-    it stands, without an effect where one is named, for a reason.
+    of a certificate where they are given; ``modelled`` is a model file in words and as it stands,
+    without an effect where one is named, for a reason.
     """
 
-    run: Callable[[RunRequest, Any, Say], None]
-    imported: Callable[[ImportRequest, Any, Say], None]
-    validated: Callable[[Path], str]
-    replayed: Callable[[Path, Say], Answer]
+    run: Callable[..., None]
+    imported: Callable[..., None]
+    validated: Callable[[Path], tuple[Any, Record]]
+    replayed: Callable[[Path], Answer[Any]]
     exported: Callable[[Path, str], tuple[Contents, tuple[str, ...]]]
-    verified: Callable[[Path, Path, float | None], tuple[Answer, str]]
-    diagnosed: Callable[[Path, DiagnosisRequest, Say], Answer]
-    compared: Callable[[Path, Path], Answer]
+    verified: Callable[[Path, Path, float | None], tuple[Answer[Any], str]]
+    diagnosed: Callable[[Path, Path | None, Path | None, str | None, bool], Answer[Any]]
+    compared: Callable[[Path, Path], Answer[Any]]
     reported: Callable[[Path, Path | None, float | None, CertificateHead | None], ReportSource]
     modelled: Callable[[Path, str, str], tuple[str, str]]
 
@@ -403,11 +336,10 @@ class Family:
     ``name`` stands for all of ``names``, ``schema`` is that of its machine files; ``measured`` says
     what its files to solve are, ``reads`` tells whether a file is one. ``criterion`` is what its
     postures are chosen by where nothing is asked for, ``posture_file`` what they are written to.
-    ``options`` are by verb a class of the
-    options that not every kind takes, fields with their `typer.Option`; what a person gave of them
-    is the ``Any`` of the verb. Without ``plan`` there is no next measurement to propose. ``look``
-    is its screen that needs no session. ``workspace`` tells where the tool can be; None: not known.
-    ``sessions`` are the verbs of sessions that are not those of indicators on legs.
+    Options that not every kind takes are keywords of the functions, with their `typer.Option`; what
+    comes before them is of the verb. Without ``plan`` there is no next measurement to propose.
+    ``look`` is its screen that needs no session. ``workspace`` tells where the tool can be; None:
+    not known. ``sessions`` are the verbs of sessions that are not those of indicators on legs.
     """
 
     name: str
@@ -416,13 +348,12 @@ class Family:
     measured: str
     criterion: str
     posture_file: str
-    options: Mapping[str, type]
     reads: Callable[[Path], bool]
-    identifiability: Callable[[Question, Any], Answer | ScreenAnswer]
-    postures: Callable[[Question, PostureSearch, Any, Say], Answer]
-    simulate: Callable[[Simulation, Any, Say], None]
-    solve: Callable[[Sequence[Path], Any, Say], Answer]
-    plan: Plan | None = None
-    workspace: Callable[[str, float, Place | None], Answer] | None = None
+    identifiability: Callable[..., Answer[Any] | ScreenAnswer]
+    postures: Callable[..., Answer[Any]]
+    simulate: Callable[..., None]
+    solve: Callable[..., Answer[Any]]
+    plan: Callable[..., Answer[Any]] | None = None
+    workspace: Callable[[str, float, Place | None], Answer[Any]] | None = None
     look: Look | None = None
     sessions: SessionVerbs | None = None

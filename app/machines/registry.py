@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Container, Iterable, Sequence
-from dataclasses import fields
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar
 
 import typer
 from typer.core import TyperCommand, TyperOption
@@ -117,27 +116,12 @@ def family_with(verb: str, name: str | None) -> tuple[Family, Any]:
 
 
 def with_options_of_machines(command: C) -> C:
-    """A command whose ``**own`` is filled with the options of every kind of machine."""
+    """A command whose ``**machine_options`` are those of every kind of machine."""
     plain = inspect.signature(command, eval_str=True)
-    shared = [
-        parameter
-        for parameter in plain.parameters.values()
-        if parameter.kind is not parameter.VAR_KEYWORD
-    ]
-    parameters_of_machines: dict[str, inspect.Parameter] = {}
+    shared = [p for p in plain.parameters.values() if p.kind is not p.VAR_KEYWORD]
     verb = command.__name__.removesuffix("_table")  # import is no name of a function
-    for kind in (family.options.get(verb) for family in FAMILIES):
-        if kind is None:
-            continue
-        hints = get_type_hints(kind, include_extras=True)
-        for field in fields(kind):
-            parameters_of_machines[field.name] = inspect.Parameter(
-                field.name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=field.default,
-                annotation=hints[field.name],
-            )
-    signature = plain.replace(parameters=[*shared, *parameters_of_machines.values()])
+    of_machines = {name: p for family in FAMILIES for name, p in _own(family, verb).items()}
+    signature = plain.replace(parameters=[*shared, *of_machines.values()])
     vars(command)["__signature__"] = signature  # what typer makes the options of
     return command
 
@@ -151,10 +135,11 @@ class CommandOfMachines(TyperCommand):
         named_family = next(
             (family for family in FAMILIES if arguments.intersection(family.names)), None
         )
-        all_options = {name for family in FAMILIES for name in _own(family, self.name or "")}
-        other_options = all_options - _own(named_family, self.name or "") if named_family else set()
+        verb = self.name or ""
+        all_options = {name for family in FAMILIES for name in _own(family, verb)}
+        other_options = all_options - _own(named_family, verb).keys() if named_family else set()
         if named_family is not None and named_family.sessions is not None:
-            other_options |= {*OF_INDICATORS.get(self.name or "", ())}
+            other_options |= {*OF_INDICATORS.get(verb, ())}
         for option in self.params:
             if isinstance(option, TyperOption):
                 option.hidden = option.name in other_options
@@ -167,7 +152,7 @@ def options_of(
     found: str,
     values: dict[str, Any],
     words_of: Callable[[Family], str] = lambda family_beside: f"the machine {family_beside.name}",
-) -> Any:  # noqa: ANN401 (of the class that the kind names)
+) -> dict[str, Any]:
     """What was given of the options of a kind. Raises UsageError for those of others alone.
 
     ``found`` says what they were given with, ``words_of`` what of another kind takes them.
@@ -175,17 +160,34 @@ def options_of(
     verb = context.command.name or ""
     own_options = _own(family, verb)
     for family_beside in FAMILIES:
-        if wrong := typed(context, _own(family_beside, verb) - own_options):
+        if wrong := typed(context, _own(family_beside, verb).keys() - own_options.keys()):
             raise UsageError(wrong, found, words_of(family_beside))
-    kind = family.options.get(verb)
-    return None if kind is None else kind(**{name: values[name] for name in own_options})
+    return {name: values[name] for name in own_options}
 
 
-def _own(family: Family, verb: str) -> set[str]:
-    """Names of the options of a verb that come from this kind of machine."""
-    return (
-        {field.name for field in fields(family.options[verb])} if verb in family.options else set()
-    )
+def _own(family: Family, verb: str) -> dict[str, inspect.Parameter]:
+    """Options of a verb that come from this kind of machine: keywords of what answers it there."""
+    answers = {**vars(family), **(vars(family.sessions) if family.sessions else {})}
+    answer = answers.get("imported" if verb == "import" else verb)
+    if answer is None:
+        return {}
+    parameters = inspect.signature(answer, eval_str=True).parameters
+    return {name: p for name, p in parameters.items() if p.kind is p.KEYWORD_ONLY}
+
+
+def the_session(
+    context: typer.Context, sessions: Sequence[Path], of_indicators: Container[str]
+) -> Path:
+    """The session of a machine with sessions of its own form, one for each call.
+
+    Raises UsageError for more of them, and for options that are ``of_indicators`` on legs.
+    """
+    if wrong := typed(context, of_indicators):
+        raise UsageError(wrong, f"session {sessions[0]}", "sessions of indicators on legs")
+    if len(sessions) > 1:
+        verb = context.command.name or ""
+        raise UsageError(verb, f"{len(sessions)} sessions", "one of this kind of machine")
+    return sessions[0]
 
 
 def typed(context: typer.Context, names: Container[str]) -> str:

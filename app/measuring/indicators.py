@@ -317,7 +317,7 @@ def _misfits(instruments: Sequence[Instrument]) -> list[str]:
 def profile_of(instrument: Instrument) -> Profile:
     """The profile of an indicator, with its own pattern where it has one.
 
-    Raises IndicatorError for an unknown name or a pattern that cannot be used.
+    Raises UsageError for an unknown name, IndicatorError for a pattern that cannot be used.
     """
     if instrument.pattern is not None:
         request = (instrument.request or "").encode("latin-1", "replace")

@@ -8,8 +8,7 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from app.evaluating.hexaslide import PostureResult, posture_result
-from app.evaluating.hexaslide_what_if import CausesToTry, causes_to_try
+from app.evaluating.hexaslide import CausesToTry, PostureResult, causes_to_try, posture_result
 from app.exports.hexaslide import write_calibrated
 from app.report.charts.hexaslide import drawn_machine, left_with, residual_charts
 from app.report.text import hexaslide_result as texts

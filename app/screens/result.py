@@ -76,7 +76,7 @@ class ResultScreen(PagedScreen[None]):
             with self.app.complaining():  # either may have no view
                 pair = self.before.solution, self.result.solution
                 self.put("before-after", texts.comparison_text(*pair), before_and_after(*pair))
-        if not self.result.is_worked_out:
+        if not self.result.corrections.is_worked_out:
             self.put("result", texts.WORKING_OUT)
             with self.app.complaining():
                 await apart(self, self.result.work_out)
@@ -84,7 +84,7 @@ class ResultScreen(PagedScreen[None]):
 
     @work(group="show", exclusive=True)
     async def _show(self) -> None:
-        if self.result.is_worked_out:  # else it is shown when it is
+        if self.result.corrections.is_worked_out:  # else it is shown when it is
             self._show_glance()
             self.put("details", texts.solution_text(self.result))
             if (view := self.result.view_solution) is None:
@@ -95,7 +95,7 @@ class ResultScreen(PagedScreen[None]):
         self.query_one(LegPlots).show(await apart(self, leg_figures, self.result))
 
     def _show_glance(self) -> None:
-        if self.result.is_worked_out:
+        if self.result.corrections.is_worked_out:
             columns = min(self.size.width, 80) - 4  # beside it the plot, where there is more room
             able = {"exports": not self.app.read_only, "measures": self.plan is not None}
             self.put("result", glance_text(self.result, self.before, self.done, columns, **able))
@@ -111,7 +111,7 @@ class ResultScreen(PagedScreen[None]):
             return reason
         if self.plan is None:
             return texts.NO_PLAN
-        return "" if self.result.is_worked_out else texts.WORKING_OUT
+        return "" if self.result.corrections.is_worked_out else texts.WORKING_OUT
 
     @once("set")
     async def action_choose(self) -> None:

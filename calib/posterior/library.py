@@ -16,7 +16,13 @@ import numpy as np
 
 from calib.arrays import Conditions, FloatArray, IntArray, numbered, rows_of
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
-from calib.tripod.effects.candidates import Candidate, Share, candidates_together
+from calib.tripod.effects.candidates import (
+    AXES,
+    Candidate,
+    Share,
+    axes_together,
+    candidates_together,
+)
 from calib.tripod.effects.drives import (
     ISO_LEADS_MM,
     ActuatorCyclic,
@@ -48,8 +54,6 @@ LEAST_SQUARE = 1e-2
 """Directions of that error of less than a tenth of its size show nothing."""
 
 ALL = "all"
-AXES = "axes"
-"""Where all axes are out of square and shifted, each as it likes."""
 
 PRIOR_OF_OTHER_BARS = 0.003
 """Of a session, as of any mistake of its labels."""
@@ -159,33 +163,11 @@ def library(
 
 def _axes_together(components: Sequence[Component]) -> list[Component]:
     """All axes out of square and shifted at once, each as it likes: as a frame is assembled."""
-    pairs = [
-        candidate
-        for component in components
-        if (candidate := component.candidate)
-        and component.id in ("axis_squareness", "axis_offset")
-        and candidate.arrangement == "each"
-        and len(candidate.parameters) == 3
-    ]
-    if len(pairs) != 2:
+    together = axes_together([c.candidate for c in components if c.candidate])
+    if together is None:
         return []
-    first, second = pairs
-    width = len(first.parameters)
-    moved = (replace(s, values=tuple(width + k for k in s.values)) for s in second.shares)
-    parameters = (*first.parameters, *second.parameters)
-    union = Candidate(
-        "axis_squareness",
-        "the axes are not square and miss each other",
-        first.kind,
-        AXES,
-        "each",
-        parameters,
-        np.hstack([first.columns, second.columns]),
-        (*first.shares, *moved),
-    )
-    unit = np.concatenate(
-        [component.unit for component in components if component.candidate in pairs]
-    )
+    union, pair = together
+    unit = np.concatenate([c.unit for c in components if c.candidate in pair])
     return [Component(union.id, union.where, "named", unit, union)]
 
 

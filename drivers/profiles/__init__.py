@@ -5,7 +5,7 @@ May import `drivers.profile` and the errors of `calib`.
 
 from __future__ import annotations
 
-from calib.errors import IndicatorError
+from calib.errors import UsageError
 from drivers.profile import Profile
 from drivers.profiles.ascii_line import ASCII_LINE
 from drivers.profiles.cdi import CDI
@@ -53,7 +53,7 @@ PROFILES: dict[str, Profile] = {
 
 
 def profile_named(name: str) -> Profile:
-    """The profile of this name. Raises IndicatorError listing what exists."""
+    """The profile of this name. Raises UsageError listing what exists."""
     if name not in PROFILES:
-        raise IndicatorError("indicator profile", repr(name), ", ".join(PROFILES))
+        raise UsageError("indicator profile", repr(name), ", ".join(PROFILES))
     return PROFILES[name]

@@ -60,7 +60,9 @@ def test_a_set_is_a_view_beside_the_same_correction() -> None:
     view, solution = glidecal.solve(SESSION, subset="leg-lengths"), glidecal.solve(SESSION)
     assert view.solution.subset == "leg-lengths"
     assert solution.solution.subset == solution.choice.usual
-    assert not view.is_worked_out  # the correction takes time only where it is asked for
+    assert (
+        not view.corrections.is_worked_out
+    )  # the correction takes time only where it is asked for
     assert view.correction.values == solution.correction.values  # whatever set is viewed
 
 

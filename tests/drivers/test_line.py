@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import pytest
 
-from calib.errors import IndicatorError
+from calib.errors import IndicatorError, UsageError
 from drivers.line import IndicatorLine
 from drivers.port import open_port
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Profile, Spindle
@@ -190,7 +190,7 @@ def test_a_busy_port_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_unknown_profile_lists_what_exists() -> None:
-    with pytest.raises(IndicatorError, match="mitutoyo-01a"):
+    with pytest.raises(UsageError, match="mitutoyo-01a"):
         profile_named("mitutoyo")
 
 

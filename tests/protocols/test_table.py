@@ -193,6 +193,12 @@ def test_how_a_machine_was_moved_is_all_there_or_refused(
 def test_one_mounting_is_in_one_place(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match=r"'m' already is leg x, axis y"):
         read(tmp_path, f"{HEADER},mount\nx,y,0,0.1,m\ny,x,0,0.1,m\n")
+    with pytest.raises(RecordError, match="a new name: 'm") as problem:
+        read(
+            tmp_path,
+            f"{HEADER},mount\n" + "".join(f"{leg},0,0.1,{'m' * 5000}\n" for leg in ("x,y", "y,x")),
+        )
+    assert len(str(problem.value)) < 700  # as long as other refusals
 
 
 def german(text: str) -> str:

@@ -23,7 +23,7 @@ from textual.widgets import Footer, Input, Static, TabbedContent, TabPane
 from textual.widgets._toast import Toast
 
 from app.evaluating.comparison import compare_files
-from app.evaluating.hexaslide_what_if import causes_to_try
+from app.evaluating.hexaslide import causes_to_try
 from app.evaluating.history import read_history
 from app.evaluating.loading import load_sessions
 from app.evaluating.solution import solve_files

@@ -252,7 +252,7 @@ async def test_what_takes_long_is_worked_out_apart(
         await pilot.pause()
         assert text(interface, "#result-text") == WORKING_OUT
         assert messages == [WORKING_OUT]
-        assert not result.is_worked_out
+        assert not result.corrections.is_worked_out
         come.set()
         await until(pilot, "text", lambda: "View: leg lengths" in text(interface, "#details-text"))
 
@@ -277,7 +277,7 @@ async def test_keys_are_offered_with_the_page_that_names_them(
         await until(pilot, "keys", lambda: "Report" in rows(interface.screen)[-1])
         assert "Verify" not in rows(interface.screen)[-1]
         come.set()
-        await until(pilot, "worked out", lambda: result.is_worked_out)
+        await until(pilot, "worked out", lambda: result.corrections.is_worked_out)
         await pilot.resize_terminal(*WIDE)
         await until(pilot, "page", lambda: "Tool error" in text(interface, "#result-text"))
         await pilot.pause(0.2)

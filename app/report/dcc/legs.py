@@ -87,7 +87,12 @@ def _entered(calibration: CertifiedCalibration) -> tuple[str, list[CertifiedValu
         return text, [*towers, radius, *travels]
     standard, expanded = (column.tolist() for column in result.corrections.uncertainties_mm())
     values = zip(
-        LEG_NAMES, result.joint_offsets_mm, [UNITS["mm"]] * 3, expanded, standard, strict=True
+        LEG_NAMES,
+        result.joint_offsets_mm,
+        [UNITS["mm"]] * 3,
+        expanded,
+        standard,
+        strict=True,
     )
     return (
         "To add to what was entered before; true position of a joint = believed position + d_rho. "

@@ -208,7 +208,11 @@ def _offsets(result: SessionSolution, machine: Machine) -> Table:
     """Joint offsets beside those that were entered when it was measured."""
     table = new_table("joint", "entered when measured, mm", "add, mm", "± U (95 %)", "together, mm")
     wide_mm = result.corrections.uncertainties_mm()[1].tolist()
-    columns = (machine.entered_offsets_mm, result.joint_offsets_mm, wide_mm)
+    columns = (
+        machine.entered_offsets_mm,
+        result.joint_offsets_mm,
+        wide_mm,
+    )
     for name, now_mm, added, wide in zip(LEG_NAMES, *columns, strict=True):
         now, add, total = map(shown_value, (now_mm, added, now_mm + added))
         table.add_row(name, now, add, uncertain(wide, 4), total)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from app.evaluating.hexaslide import ComparedSession, ComparedSessions
 from app.evaluating.hexaslide_adoption import Adoption, DiagnosedPostures
-from app.evaluating.hexaslide_comparison import ComparedSession, ComparedSessions
 from app.report.schema.document import Report, Source, maybe, schema
 from app.report.schema.hexaslide import INNER_NAMES, PlatformReport
 from calib.hexaslide.causes import AdoptedEffect

@@ -165,7 +165,7 @@ class CorrectionEntry(Report):
         asked=True,
     )
     left_out: tuple[LeftOut, ...] = of(lambda r: r.correction.left_out)
-    others: tuple[Gain, ...] = of(lambda r: r.others, "in the same frame")
+    others: tuple[Gain, ...] = of(lambda r: r.corrections.others(r.correction), "in the same frame")
     mistakes: tuple[LikelyMistake, ...] = of(
         lambda r: r.corrections.mistakes, "in the readings; the values count with them put right"
     )

@@ -95,7 +95,7 @@ def bound_table(first: Frame, off_now: ToolOff, off: ToolOff, *, entered: bool =
 def gains_table(result: SessionSolution) -> Table:
     """What other exports of the same controller would keep."""
     table = new_table("if the controller has", "tool at most, mm")
-    for gain in result.others:
+    for gain in result.corrections.others(result.correction):
         table.add_row(HOLDS_WORDS[gain.holds], uncertain(gain.bound_mm))
     return table
 

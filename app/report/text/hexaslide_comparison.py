@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from app.evaluating.hexaslide_comparison import ComparedSession, ComparedSessions
+from app.evaluating.hexaslide import ComparedSession, ComparedSessions
 from app.report.schema.hexaslide_diagnosis import LengthOfBoth, lengths_of
 from app.report.text.hexaslide_diagnosis import verdict_words
 from app.report.text.tables import new_table, paragraphs, signed

@@ -25,6 +25,9 @@ from calib.tripod.geometry import Geometry, inverse
 from calib.tripod.pipeline import COMPLEX_STEP_MM, Flow, Model, Stage, simulate
 from calib.tripod.workspace import reached
 
+AXES = "axes"
+"""Where all axes are out of square and shifted, each as it likes."""
+
 VANISHES_MM = 1e-9
 """A column that changes readings by less, for an unremarkable size, is not there."""
 
@@ -96,6 +99,38 @@ def single_places(
     placed = placed_columns(model, observations, placed_effects)
     alone = [_one(effect, {place: columns}, place) for (effect, place), columns in placed.items()]
     return tuple(compress(alone, _are_seen(observations.mount, alone)))
+
+
+def axes_together(
+    candidates: Sequence[Candidate],
+) -> tuple[Candidate, tuple[Candidate, Candidate]] | None:
+    """All axes out of square and shifted at once, each as it likes, with the two that it is of.
+
+    None where these candidates do not have both.
+    """
+    parts = [
+        candidate
+        for candidate in candidates
+        if candidate.id in ("axis_squareness", "axis_offset")
+        and candidate.arrangement == "each"
+        and len(candidate.parameters) == 3
+    ]
+    if len(parts) != 2:
+        return None
+    first, second = parts
+    width = len(first.parameters)
+    union = replace(
+        first,
+        title="the axes are not square and miss each other",
+        where=AXES,
+        parameters=(*first.parameters, *second.parameters),
+        columns=np.hstack([first.columns, second.columns]),
+        shares=(
+            *first.shares,
+            *(replace(s, values=tuple(width + k for k in s.values)) for s in second.shares),
+        ),
+    )
+    return union, (first, second)
 
 
 def invisible(

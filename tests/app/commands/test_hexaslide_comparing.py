@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.evaluating.hexaslide_comparison import compare_postures
+from app.evaluating.hexaslide import compare_postures
 from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.residuals import Readings
 from tests.app.cli import glidecal, refused

@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.evaluating.hexaslide import compare_postures
 from app.evaluating.hexaslide_calibration import calibrate_file, verify_sessions
-from app.evaluating.hexaslide_comparison import compare_postures
 from app.measuring.hexaslide import (
     PostureTaking,
     import_postures,

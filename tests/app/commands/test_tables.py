@@ -69,3 +69,17 @@ def test_what_the_joints_hold_is_refused_with_its_limit(tmp_path: Path, samples:
     session = samples / "experiment_1_six.jsonl"
     options = ("--format", "linuxcnc", "-o", tmp_path / "x", "--home-offset", "1e9,0,0")
     assert "such as '1.5,0,-2', up to 100,000" in refused(2, "export", session, *options)
+
+
+def test_a_session_has_its_ending(tmp_path: Path) -> None:
+    """Before: it was written, and no folder of sessions showed it."""
+    for machine, table in (
+        ((), SAMPLES / "tables" / "experiment_1_six.csv"),
+        (
+            ("--machine", "hexaslide", "--protocol", "position"),
+            SAMPLES / "hexaslide" / "before.csv",
+        ),
+    ):
+        message = refused(2, "import", table, *machine, "-o", tmp_path / "s.txt")
+        assert message.endswith("s.txt. Allowed: a path that ends with .jsonl.")
+    assert not (tmp_path / "s.txt").exists()

@@ -122,7 +122,7 @@ def test_the_model_is_what_the_posterior_expects(sagging: Path) -> None:
     path = adopted(sagging)
     model = read_model_file(path)
     result = solve_files([sagging], model=path)
-    posterior = result.posterior
+    posterior = result.corrections.posterior
     stated = [model.parameters_mm[name] for name in JOINTS]
     # the same posterior about its own mean: a step of Gauss and Newton later
     assert stated == pytest.approx(posterior.mean[:3].tolist(), abs=0.01)

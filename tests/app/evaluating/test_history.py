@@ -256,8 +256,9 @@ def test_what_is_known_is_not_solved_again(
 
 PRINTER = "printer.jsonl"
 POSTURES = "postures.jsonl"
+HEXASLIDE_TABLE = SAMPLES / "hexaslide" / "before.csv"
 TOLD: dict[int, dict[str, tuple[float, ...]]] = {
-    11: {
+    12: {
         "experiment_2_twelve.jsonl": (
             *(-0.52368, 0.53567, -1.6595, 0.72688, 0.72354, 0.72664),
             *(0.6666, 0.33852),
@@ -301,8 +302,9 @@ def test_other_results_have_another_number(tmp_path: Path) -> None:
     files = (printer / "printer.cfg", printer / "probe.log")
     assert not run_here("import", *map(str, files), "-o", str(tmp_path / PRINTER))[0]
     hexaslide = ("--machine", "hexaslide", "--protocol", "position")
-    table = str(SAMPLES / "hexaslide" / "before.csv")
-    assert not run_here("import", *hexaslide, table, "-o", str(tmp_path / POSTURES))[0]
+    assert not run_here("import", *hexaslide, str(HEXASLIDE_TABLE), "-o", str(tmp_path / POSTURES))[
+        0
+    ]
     past = read_history(tmp_path, index=tmp_path / "index", of_postures=LOOKS)
     results = {
         str(point.path): told(point.entry) for machine in past.machines for point in machine.points
@@ -486,3 +488,19 @@ def test_hostile_names_are_inert(words: str) -> None:
     output = printable(text, keep="\n")  # as it leaves the program, and every screen
     assert not HIDDEN.search(output.replace("\n", ""))
     assert "[red]x[/red]" in output
+
+
+def test_a_table_that_is_imported_again_is_used_once(tmp_path: Path) -> None:
+    """Before: seven imports of one table were seven sessions, and their mean was very sure."""
+    table = SAMPLES / "tables" / "experiment_2_six.csv"
+    postures = ("--machine", "hexaslide", "--protocol", "position")
+    for number, day in enumerate(("2026-01-01", "2026-02-01")):
+        for name, source in (("t", (table,)), ("p", (*postures, HEXASLIDE_TABLE))):
+            path = str(tmp_path / f"{name}{number}.jsonl")
+            assert not run_here("import", *map(str, source), "--measured-on", day, "-o", path)[0]
+    for _ in range(2):  # the second time as the index remembers it
+        past = read_history(tmp_path, index=tmp_path / "index", of_postures=LOOKS)
+        assert [len(machine.points) for machine in past.all_machines] == [1, 1]
+        problems = {path.name: text for path, text in past.problems}
+        assert problems.keys() == {"t1.jsonl", "p1.jsonl"}
+        assert problems["t1.jsonl"].endswith("the same readings as t0.jsonl, used once.")

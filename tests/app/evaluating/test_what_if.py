@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,14 +15,21 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 import glidecal
+from app.evaluating.diagnosis import adopt
 from app.evaluating.what_if import FAR, Trial, choices, trial_of
+from app.measuring.simulated import simulated_session
 from app.report.text.caveats import caveats
 from calib.arrays import FloatArray
 from calib.errors import UsageError
 from calib.identify.solution import Subset
 from calib.posterior.tool import Frame
+from calib.tripod.effects.drives import AxisDistance, AxisSquareness
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry, direct, inverse
+from calib.tripod.pipeline import Model
 from calib.tripod.workspace import workspace_points
+from protocols.machine import Machine
+from protocols.procedure import load_procedure
 from tests.conftest import LONG
 
 PLAY_MM = 0.1
@@ -216,3 +224,59 @@ def test_what_is_not_known_is_refused(session: glidecal.Session) -> None:
     assert len(str(problem.value)) < 400  # a name each, not all its places
     with pytest.raises(UsageError, match="values of backlash:all: found 2"):
         glidecal.what_if(session, effect="backlash:all", size=[0.1, 0.2])
+
+
+def test_a_size_beyond_all_measure_is_the_size_that_is_refused(session: glidecal.Session) -> None:
+    """Before: the limits of the machine file were to be checked."""
+    with pytest.raises(UsageError, match=r"size of backlash:all: found 1e\+09 mm\.") as problem:
+        glidecal.what_if(session, effect="backlash:all", size=1e9)
+    assert "machine file" not in str(problem.value)
+
+
+def test_a_size_may_be_a_number_of_numpy(session: glidecal.Session) -> None:
+    sizes: tuple[Any, ...] = (np.array(0.1), np.float64(0.1), np.array([0.1]))
+    for size in sizes:
+        assert glidecal.what_if(session, effect="backlash:all", size=size).values == (0.1,)
+
+
+LEANS, DISTANCES = {"xy": 1.0, "yz": -0.8, "xz": 0.6}, {"xy": 0.2, "yz": -0.15, "zx": 0.12}
+
+
+def test_axes_that_are_named_together_can_be_tried_and_adopted(tmp_path: Path) -> None:
+    """Out of square and apart at once: two laws of one name, which a model has one by one."""
+    machine = Machine()
+    truth = Model(machine.geometry()).with_effects(
+        (
+            *(EffectInstance(AxisSquareness(), place, (lean,)) for place, lean in LEANS.items()),
+            *(EffectInstance(AxisDistance(), place, (mm,)) for place, mm in DISTANCES.items()),
+        )
+    )
+    session = simulated_session(
+        load_procedure("two-station", machine.geometry()),
+        machine,
+        truth,
+        seed=3,
+        scatter_mm=0.002,
+        resolution_mm=0.001,
+    )
+    diagnosed = glidecal.diagnose(session)
+    (named,) = diagnosed.diagnosis.effects
+    assert (named.id, named.where) == ("axis_squareness", "axes")
+    sizes = (*LEANS.values(), *DISTANCES.values())
+    outcome = glidecal.what_if(session, effect="axis_squareness:axes", size=sizes)
+    assert outcome.values == sizes
+    assert outcome.units == (*["mrad"] * 3, *["mm"] * 3)
+    assert outcome.solution.rms_after_mm < 0.004
+    (choice, *_) = choices([session], None, diagnosed)
+    assert choice.key == ("axis_squareness", "axes")
+    best = trial_of(choice, [session]).sizes.best
+    assert best == pytest.approx(sizes, abs=0.1)
+    model = adopt(diagnosed, tmp_path / "m.json")
+    assert [(entry.id, entry.where) for entry in model.effects] == [
+        ("axis_squareness", "xy,yz,xz"),
+        ("axis_offset", "xy,yz,zx"),
+    ]
+    values = [size.value for entry in model.effects for size in entry.parameters.values()]
+    assert values == pytest.approx(sizes, abs=0.1)
+    again = glidecal.diagnose(session, model=tmp_path / "m.json")
+    assert again.diagnosis.verdict == "agrees"

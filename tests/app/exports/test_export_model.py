@@ -193,7 +193,7 @@ def test_adopting_states_fitted_offsets_and_none_that_nobody_fitted(tmp_path: Pa
     assert glidecal("diagnose", *sessions, "--adopt", model_of_both).status == 0
     result = solve_files([sessions[0]], model=model_of_one)
     stated = json.loads(model_of_one.read_text())["parameters_mm"]
-    expected = dict(zip(PARAMETER_NAMES, result.posterior.mean.tolist(), strict=False))
+    expected = dict(zip(PARAMETER_NAMES, result.corrections.posterior.mean.tolist(), strict=False))
     assert stated == pytest.approx(expected, abs=1e-4)  # about a mean, not about the file
     assert [size.name for size in result.solution.sizes] == ["backlash x: play"]
     assert json.loads(model_of_both.read_text())["parameters_mm"] == {}

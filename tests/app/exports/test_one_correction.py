@@ -255,7 +255,7 @@ def test_a_set_that_is_asked_for_is_written_as_it_is_identified(tilt: Path, tmp_
 def test_sessions_of_one_machine_are_corrected_together(samples: Path) -> None:
     pair = [samples / f"simulated_zero-{order}.jsonl" for order in ("max-min", "min-max")]
     result = solve_files(pair)
-    assert [len(cells.means) > 0 for cells in result.posterior.sessions] == [True, True]
+    assert [len(cells.means) > 0 for cells in result.corrections.posterior.sessions] == [True, True]
     less_lengths_mm = (0.83, -1.27, 0.39)  # legs show d_rho - d_L
     offsets_mm = result.correction.model.parameters_mm[:3]
     assert offsets_mm == pytest.approx(less_lengths_mm, abs=0.015)

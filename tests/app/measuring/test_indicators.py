@@ -179,7 +179,9 @@ def test_a_fault_is_exit_4_and_no_value() -> None:
 
 
 def test_unknown_names_list_what_exists() -> None:
-    assert "sylvac" in refused(4, "indicator", "read", "COM9", "--profile", "sylvak")
+    assert "sylvac" in refused(2, "indicator", "read", "COM9", "--profile", "sylvak")
+    assert "sylvac" in refused(2, "indicator", "doctor", "COM9", "--profile", "sylvak")
+    assert "sylvac" in refused(2, "simulate-indicator", "sylvak")
     strange = refused(2, "run", "--simulated", "--dry-run", "--profile", "sylvak")
     assert "indicator profile 'sylvak'. Allowed" in strange
     assert "glidecal ports lists" in strange

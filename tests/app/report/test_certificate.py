@@ -139,7 +139,7 @@ def test_a_report_works_out_one_posterior(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr("app.evaluating.correction.posterior", counted)
     calibration = calibration_of([SIXTY])
     shared, alone = calibration.diagnosed, diagnose_files([SIXTY])
-    assert shared.corrections.posterior is calibration.result.posterior
+    assert shared.corrections.posterior is calibration.result.corrections.posterior
     assert len(posteriors) == 2, "of the report, and of the diagnosis beside it"
     assert shared.diagnosis.verdict == alone.diagnosis.verdict
     assert shared.diagnosis.sentence == alone.diagnosis.sentence

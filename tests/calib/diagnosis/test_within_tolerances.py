@@ -52,7 +52,7 @@ def test_bars_that_are_stated_in_the_likeliest_way_keep_their_name(tmp_path: Pat
     csv = tmp_path / "t.csv"
     csv.write_text(contacts(Printer(length_mm=(3.0, 0.0, 0.0)), 3), encoding="utf-8")
     opened, events, _ = opened_table(csv, load_machine("linear-delta"), "test")
-    posterior = solve_sessions([fold([opened, *events])]).posterior
+    posterior = solve_sessions([fold([opened, *events])]).corrections.posterior
     stated = [
         replace(cells, case=replace(cells.case, as_stated=AS_STATED[-1]))
         for cells in posterior.sessions

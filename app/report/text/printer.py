@@ -8,7 +8,7 @@ from rich.table import Table
 
 from app.evaluating.printer import BEYOND_NOISE, LEAST, PrinterChange
 from app.evaluating.solution import SessionSolution
-from app.report.text.tables import new_table, signed, uncertain
+from app.report.text.tables import decimals, new_table, signed, uncertain
 from calib.tripod.effects.bars import LegLength
 from calib.tripod.effects.drives import ActuatorScale, AxisOffset, AxisSquareness, Backlash
 from calib.tripod.effects.effect import EffectInstance, remedies
@@ -140,32 +140,33 @@ def tower_remedies(effects: Sequence[EffectInstance], towers: Mapping[str, str])
 
 
 def _remedy(effect: EffectInstance, towers: Mapping[str, str]) -> str | None:
-    value = float(effect.values[0].real)
+    value, half = float(effect.values[0].real), 2.0 * sum(effect.deviations[:1])
+    size = f"{abs(value):.{decimals(half) if half > 0.0 else 3}f} mm"
     names = [towers.get(letter, "") for letter in effect.place]
     law, tower = effect.effect, names[0]
     if isinstance(law, ActuatorScale):
-        times = 1.0 + value / 1000.0
+        times, places = 1.0 + value / 1000.0, decimals(half / 1000.0) if half > 0.0 else 5
         return (
-            f"belt of tower {tower}: multiply its rotation_distance (Klipper) by {times:.5f}, or "
-            f"its steps per mm (M92) by {1.0 / times:.5f}; where glidecal solve lists it, enter "
-            "that value instead, with all others there. A pulley or belt is not as stated, or "
-            "stretched. Then home, probe again, and import that"
+            f"belt of tower {tower}: multiply its rotation_distance (Klipper) by "
+            f"{times:.{places}f}, or its steps per mm (M92) by {1.0 / times:.{places}f}; where "
+            "glidecal solve lists it, enter that value instead, with all others there. A pulley or "
+            "belt is not as stated, or stretched. Then home, probe again, and import that"
         )
     if isinstance(law, Backlash):
-        return f"belt or joints of tower {tower} are slack by {value:.3f} mm: tighten them"
+        return f"belt or joints of tower {tower} are slack by {size}: tighten them"
     if isinstance(law, LegLength):
-        return f"arm of tower {tower}: {value:+.3f} mm, in the exported values"
+        return f"arm of tower {tower}: {'+' if value >= 0.0 else '-'}{size}, in the exported values"
     if type(law) is AxisOffset and effect.place[1:] in ("r", "t"):
         out, back = ("out", "in") if effect.place[1:] == "r" else ("anticlockwise", "clockwise")
         way, against = (out, back) if value > 0.0 else (back, out)
         return (
-            f"foot of tower {tower} is {abs(value):.3f} mm too far {way}: the exported values "
-            f"allow for it; or move the tower {against}"
+            f"foot of tower {tower} is {size} too far {way}: the exported values allow for it; or "
+            f"move the tower {against}"
         )
     if isinstance(law, AxisSquareness):
         way = "apart" if value > 0.0 else "together"
         return (
             f"towers {' and '.join(names)} lean, for which firmware has no value: with their feet "
-            f"where they are, move their tops {way}, {abs(value):.2f} mm for each metre of height"
+            f"where they are, move their tops {way}, {size} for each metre of height"
         )
     return None

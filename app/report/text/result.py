@@ -236,7 +236,7 @@ def _condition_words(condition_number: float) -> str:
 def _source_words(result: SessionSolution) -> str:
     noise = result.noise
     free = noise.degrees_of_freedom
-    degrees = "" if math.isinf(free) else f", {free_words(free)}"
+    degrees = "" if math.isinf(free) else f", {free_words(free, noise.scatter_of_repeats[1])}"
     if noise.source == "repeats":
         return f"from repeats{degrees}"
     if noise.source == "residuals":

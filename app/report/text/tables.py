@@ -18,6 +18,7 @@ from calib.quantity import beside as beside
 from calib.quantity import decimals as decimals
 from calib.quantity import decimals_for as decimals_for
 from calib.quantity import figures as figures
+from calib.quantity import known_to as known_to
 from calib.quantity import signed as signed
 from calib.quantity import uncertain as uncertain
 from protocols.data_table import DataTable
@@ -36,8 +37,7 @@ HELP_WIDTH = 72
 def expanded(value: float, standard_uncertainty: float) -> str:
     """A value ± its expanded uncertainty (95 %, k = 2), to two digits of that."""
     half = 2.0 * standard_uncertainty
-    places = decimals(half)
-    return f"{signed(value, places)} ± {half:.{places}f}"
+    return f"{known_to(value, half)} ± {figures(half)}"
 
 
 def new_table(*headings: str, left_columns: int = 1, rows: Iterable[Iterable[str]] = ()) -> Table:
@@ -124,10 +124,15 @@ def hanging(line: str, indent: str) -> str:
     return re.sub(ONE_LETTER, lambda _: next(ids), broken)
 
 
-def free_words(degrees: float) -> str:
-    """Degrees of freedom: all digits of the whole ones, however many."""
+def free_words(degrees: float, counted: float | None = None) -> str:
+    """Degrees of freedom: all digits of the whole ones, however many.
+
+    They are effective (GUM G.4) where they are no whole number, or not those that were ``counted``.
+    """
     degrees_words = f"{degrees:.0f}" if degrees >= 100.0 else f"{degrees:.3g}"
-    return f"{degrees_words} degrees of freedom"
+    counted = round(degrees) if counted is None else counted
+    effective = "" if math.isclose(degrees, counted, rel_tol=1e-6) else "effective "
+    return f"{degrees_words} {effective}degrees of freedom"
 
 
 PAGE_HELP = """\

@@ -14,6 +14,7 @@ from app.exports.hexaslide import write_calibrated
 from app.report.charts.hexaslide import drawn_machine, left_with, residual_charts
 from app.report.text import hexaslide_result as texts
 from app.report.text import hexaslide_what_if as what_if_texts
+from app.report.text.help import help_of
 from app.screens.interface import once
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
@@ -26,7 +27,7 @@ from calib.quantity import Sizes
 class HexaSlideResultScreen(PagedScreen[None]):
     """One session of postures; the calibrated machine and the report can be written."""
 
-    HELP = texts.POSTURE_RESULT_HELP
+    HELP = help_of("posture-result")
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("e", "export", "Export", id="postures.export"),
         Binding("r", "report", "Report", id="postures.report"),
@@ -120,7 +121,7 @@ def _report(result: PostureResult, target: Path, *, replace: bool) -> Path:
 class PostureWhatIfScreen(SizesScreen[None, CauseAtSize]):
     """One cause beside the parameters; nothing is written."""
 
-    HELP = what_if_texts.WHAT_IF_HELP
+    HELP = help_of("posture-what-if")
     BINDINGS: ClassVar[list[BindingType]] = [*SIZE_KEYS]
     PAGES = (Page("left", "What is left", charts=1, text=False),)
     trial: PostureTrial

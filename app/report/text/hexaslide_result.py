@@ -19,19 +19,8 @@ from app.report.text.hexaslide_calibration import (
 )
 from app.report.text.hexaslide_diagnosis import missing_parts, verdict_line
 from app.report.text.hexaslide_session import readings_parts, remark_lines
-from app.report.text.tables import PAGE_HELP, paragraphs
+from app.report.text.tables import paragraphs
 from calib.errors import GlidecalError
-
-POSTURE_RESULT_HELP = f"""\
-{{postures.export}}  the calibrated machine and its kinematics, into a folder
-{{postures.report}}  the report to sign, as HTML or PDF
-{{postures.diagnose}}  the diagnosis: what may be missing, and why
-{{postures.what_if}}  what if: the size of a cause is moved
-{PAGE_HELP}
-
-The result of a session of postures. What no reading shows is named: frames
-that are turned or shifted as wholes stay as the machine file has them. More
-postures are measured in the terminal: glidecal run --continue."""
 
 LOOKING = "Working out the machine …"
 NO_RESULT = "This session gives no machine."

@@ -5,19 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from app.report.text.hexaslide_diagnosis import title_of
-from app.report.text.tables import SIZE_KEYS, new_table, table_text
+from app.report.text.tables import new_table, table_text
 from calib.hexaslide.what_if import CauseAtSize
-
-WHAT_IF_HELP = f"""\
-{SIZE_KEYS}
-{{page.copy}}  copy words and plot to the clipboard
-{{page.back}}, {{app.quit}}  back, quit
-
-Parameters are fitted again at every size. Platform, cause not
-compensated: what the cause alone does there over the box, frames laid
-over. Platform, values without it entered: what the platform is off by
-if the cause is real and the parameters of a fit without it are
-entered. Nothing is written; glidecal diagnose --adopt writes a model."""
 
 WHICH = "Which cause?"
 

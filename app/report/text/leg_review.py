@@ -12,13 +12,6 @@ from calib.printable import with_capital
 from protocols.procedure import Step
 from protocols.session import Session
 
-REVIEW_HELP = """\
-Scatter       standard deviation of a reading in the repeats of a posture
-Usual         the scatter to hold against it: what the indicator states,
-              the other legs, or an indicator at rest
-Return        largest difference between two Zeros of one cycle: it shows
-              drift, and a stand that moved"""
-
 
 def leg_review_text(session: Session, step: Step, rests_mm: Sequence[float] = ()) -> str:
     """The review of the leg of a step, or why there is none."""

@@ -26,7 +26,6 @@ from app.report.text.correction import (
     value_parts,
 )
 from app.report.text.tables import (
-    PAGE_HELP,
     beside,
     decimals_for,
     difference_words,
@@ -341,22 +340,6 @@ WORKING_OUT = "Working out what to enter …"
 WRITING_REPORT = "Writing the report …"
 REPORT_WRITTEN = "Report written beside the session: {}. Open it in a browser, print and sign it."
 
-RESULT_HELP = f"""\
-{{result.next_leg}}, {{result.leg_before}}  Legs: another leg or axis; below, enlarged, what is left
-{{result.set}}  choose the set of parameters that Details shows
-{{result.export}}  write the values to enter, in every format, into a folder beside the session
-{{result.verify}}  measure again after the offsets were entered, and compare
-{{result.report}}  write the report to sign (HTML) beside the session
-{{result.diagnose}}  diagnose: where readings and model disagree, and why
-{{result.what_if}}  what if: move the size of an effect, see what it does
-{PAGE_HELP}
-
-The values to enter leave least of the tool's error, over everything
-that may be true of the machine with these readings. 95 of 100 such
-machines keep the bound. A set of parameters is a view: U is its
-expanded uncertainty (95 %). The residual is what the view does not
-explain. If it is much larger than the noise, {{result.diagnose}} looks for the cause."""
-
 WHICH_SET = "Which set of parameters? It is a view: the values to enter stay."
 
 
@@ -393,14 +376,6 @@ def comparison_report(comparison: Comparison) -> str:
         *(f"Remark: {remark}" for remark in comparison.remarks),
         comparison_text(earlier.solution, later.solution, changed=comparison.changed),
     )
-
-
-COMPARISON_HELP = f"""\
-{PAGE_HELP}
-
-Each difference between two postures, before and after the joint offsets
-were entered in the controller. "Expected" is the residual of the first
-session: offsets cannot remove more than that."""
 
 
 WRONG = {

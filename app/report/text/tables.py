@@ -135,21 +135,6 @@ def free_words(degrees: float, counted: float | None = None) -> str:
     return f"{degrees_words} {effective}degrees of freedom"
 
 
-PAGE_HELP = """\
-{page.next}, {page.before}, {page.1} …  the next page, the one before, a page by its number
-{page.copy}  copy the page to the clipboard, a plot as characters
-{page.back}, {app.quit}  back, quit
-Up and down, Page up and Page down scroll a text."""
-"""What keys do on every screen of pages; ids of bindings in braces."""
-
-SIZE_KEYS = """\
-{what_if.smaller}, {what_if.larger}  the size smaller, larger, by a step no larger than its ±
-{what_if.much_smaller}, {what_if.much_larger}  ten times as far
-{what_if.size_before}, {what_if.next_size}  another size, where there are several (> is moved)
-{what_if.nothing}  nothing: the model without it
-{what_if.best}  the size that fits best"""
-"""What keys do where a size is moved."""
-
 KEY_ID = re.compile(r"\{([a-z_-]+\.[a-z0-9_-]+)\}")
 """A key in a text for people, by the id of its binding."""
 

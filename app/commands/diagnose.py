@@ -149,9 +149,9 @@ def _show(
         return f"{diagnosis_text(diagnosed, adopted)}\n\n{further_text(reach)}"
 
     def document() -> Report:
-        from app.report.schema.diagnosis import DiagnosisReport, DiagnosisResults
+        from app.report.schema.diagnosis import DiagnosisReport
 
-        return DiagnosisReport.of(DiagnosisResults(diagnosed, reach, adopted))
+        return DiagnosisReport.of(diagnosed, reach, adopted)
 
     answer = Answer(text, document)
     typer.echo(answer.shown(as_json=as_json))

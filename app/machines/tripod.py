@@ -256,11 +256,11 @@ def solve(files: Sequence[Path], options: SolveOptions, say: Say) -> Answer:
         return "\n\n".join(parts)
 
     def document() -> Report:
-        from app.report.schema.solution import SolutionReport, SolutionResults
+        from app.report.schema.solution import SolutionReport
 
         if options.show_figures:
             raise UsageError("--json", "beside --figures, which are text", "one of them")
-        return SolutionReport.of(SolutionResults(result, judged, mapped, simulated))
+        return SolutionReport.of(result, judged, mapped, simulated)
 
     return Answer(text, document)
 

@@ -229,24 +229,17 @@ def _lack_of_fit(lack: LackOfFit | None) -> LackOfFitEntry:
 LINES = "none where the machine file has no tolerances of lines"
 
 
-@dataclass(frozen=True, eq=False)
-class SolutionResults:
-    """A solution, and what was asked for beyond it."""
-
-    result: SessionSolution
-    judged: Judgement | None = None
-    maps: tuple[PlaneMap, ...] | None = None
-    simulated: MonteCarlo | None = None
-
-
-_of_results = Source[SolutionResults]()
+_of_results = Source[
+    SessionSolution, Judgement | None, tuple[PlaneMap, ...] | None, MonteCarlo | None
+]()
+"""A solution, and what was asked for beyond it."""
 
 
 def of_view(
     getter: Callable[[Solution], V], words: str | None = None, *, asked: bool = False
 ) -> V | None:
     """A field of the view; null where the readings determine no set."""
-    return _of_results(lambda r: maybe(getter, r.result.view_solution), words, asked=asked)
+    return _of_results(lambda r, *_: maybe(getter, r.view_solution), words, asked=asked)
 
 
 class SolutionReport(Report):
@@ -255,18 +248,18 @@ class SolutionReport(Report):
     Where the readings determine no set, ``subset`` and all that is of the view is null.
     """
 
-    of = Source[SolutionResults]()
+    of = _of_results
     schema_id: Literal["glidecal.solution/1"] = schema("glidecal.solution/1")
-    sessions: tuple[str, ...] = of(lambda r: r.result.names)
+    sessions: tuple[str, ...] = of(lambda r, *_: r.names)
     measured: tuple[MeasuredSession, ...] = of(
-        lambda r: tuple(map(MeasuredSession.of, r.result.sessions)), "in the order of the sessions"
+        lambda r, *_: tuple(map(MeasuredSession.of, r.sessions)), "in the order of the sessions"
     )
-    method: Method = of(lambda r: r.result.choice.method)
-    weights: Weights = of(lambda r: r.result.choice.weights)
+    method: Method = of(lambda r, *_: r.choice.method)
+    weights: Weights = of(lambda r, *_: r.choice.weights)
     correction: CorrectionEntry = of(
-        lambda r: CorrectionEntry.of(r.result), "what is entered; parameters are a view"
+        lambda r, *_: CorrectionEntry.of(r), "what is entered; parameters are a view"
     )
-    lines: tuple[LineParameter, ...] = of(lambda r: r.result.lines, f"lines of the drives; {LINES}")
+    lines: tuple[LineParameter, ...] = of(lambda r, *_: r.lines, f"lines of the drives; {LINES}")
     subset: Subset | None = of_view(lambda v: v.subset, "of the view")
     parameters: dict[str, Parameter] | None = of_view(lambda v: v.parameters)
     covariance: Covariance | None = of_view(lambda v: Covariance.of(v))
@@ -278,16 +271,16 @@ class SolutionReport(Report):
     rms_before_mm: float | None = of_view(lambda v: v.rms_before_mm, "over all differences")
     rms_after_mm: float | None = of_view(lambda v: v.rms_after_mm, "over all differences")
     degrees_of_freedom: int | None = of_view(lambda v: v.degrees_of_freedom)
-    noise: ReadingNoise = of(lambda r: ReadingNoise.of(r.result.noise))
+    noise: ReadingNoise = of(lambda r, *_: ReadingNoise.of(r.noise))
     display_step_found_mm: float | None = of(
-        lambda r: r.result.display_found_mm,
+        lambda r, *_: r.display_found_mm,
         "step of the display as the values show it, if it is not stated; null: they show none",
     )
     suspect_readings: tuple[SuspectReading, ...] = of(
-        lambda r: tuple(map(SuspectReading.of, r.result.suspects))
+        lambda r, *_: tuple(map(SuspectReading.of, r.suspects))
     )
     lost_readings: tuple[IsolatedReadingsEntry, ...] = of(
-        lambda r: tuple(map(IsolatedReadingsEntry.of, r.result.isolated))
+        lambda r, *_: tuple(map(IsolatedReadingsEntry.of, r.isolated))
     )
     enlarged_by_lack_of_fit: float | None = of_view(
         lambda v: v.inflation,
@@ -312,25 +305,27 @@ class SolutionReport(Report):
     condition_number: float | None = of_view(lambda v: v.condition_number)
     weak_directions: tuple[Direction, ...] | None = of_view(lambda v: v.weak_directions)
     recommended_subset: Subset | None = of(
-        lambda r: r.result.choice.usual if r.result.choice.solutions else None,
+        lambda r, *_: r.choice.usual if r.choice.solutions else None,
         "the view where none is asked for; what is entered is correction",
     )
-    reasons: tuple[str, ...] = of(lambda r: r.result.choice.reasons, "why sets are missing")
+    reasons: tuple[str, ...] = of(lambda r, *_: r.choice.reasons, "why sets are missing")
     effects: tuple[FittedSize, ...] | None = of_view(
         lambda v: v.sizes or None, "with --model", asked=True
     )
     ambiguous_effects: tuple[str, ...] = of(
-        lambda r: r.result.ambiguous, "those of the model that are one of several that would do"
+        lambda r, *_: r.ambiguous, "those of the model that are one of several that would do"
     )
     held_sizes: tuple[str, ...] = of(
-        lambda r: r.result.held, "those of the model that a person stated and nothing fitted"
+        lambda r, *_: r.held, "those of the model that a person stated and nothing fitted"
     )
-    tolerance: Judgement | None = of(lambda r: r.judged, "with --tolerance", asked=True)
+    tolerance: Judgement | None = of(lambda _, judged, *_m: judged, "with --tolerance", asked=True)
     tool_maps: tuple[ToolMapEntry, ...] | None = of(
-        lambda r: tuple(map(ToolMapEntry.of, r.maps)) if r.maps else None, "with --map", asked=True
+        lambda _r, _j, maps, _: tuple(map(ToolMapEntry.of, maps)) if maps else None,
+        "with --map",
+        asked=True,
     )
     monte_carlo: SimulatedSessions | None = of(
-        lambda r: SimulatedSessions.of(r.simulated) if r.simulated else None,
+        lambda _r, _j, _m, simulated: maybe(SimulatedSessions.of, simulated),
         "with --monte-carlo",
         asked=True,
     )

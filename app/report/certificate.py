@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import Field
 
@@ -29,6 +29,9 @@ from protocols.files import write_files
 from protocols.machine import Machine
 from protocols.model_file import read_model_file
 from protocols.session import Beginning, Line, Session
+
+if TYPE_CHECKING:  # of the other kind of machine
+    from protocols.hexaslide_session import PostureSession
 
 MOST_LOGO_BYTES, MOST_LOGO_PIXELS = 1_000_000, 20_000_000
 DIGEST_LETTERS = 12
@@ -72,6 +75,16 @@ class CertifiedRecord:
     operator: str
     temperature_c: float | None
     procedure: str | None
+
+    @classmethod
+    def of(cls, session: Session | PostureSession, digest: str) -> Self:
+        """What a certificate states of the record of a session."""
+        opened = session.opened
+        return cls(
+            *(session.name, digest, opened, session.readings),
+            *(opened.operator, opened.temperature_c),
+            opened.procedure.name if opened.procedure else None,
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -227,15 +240,7 @@ def calibration_of(
         name=machine.name,
         serial_number=machine.serial_number,
         machine=machine,
-        records=tuple(
-            CertifiedRecord(
-                *(session.name, session.digest, opened, session.readings),
-                *(opened.operator, opened.temperature_c),
-                opened.procedure.name if opened.procedure else None,
-            )
-            for session in sessions
-            for opened in [session.opened]
-        ),
+        records=tuple(CertifiedRecord.of(session, session.digest) for session in sessions),
         gauge=gauge_word(result),
         instruments=_instruments(sessions, head),
         completeness=f"{diagnosis.verdict}: {diagnosis.sentence}",

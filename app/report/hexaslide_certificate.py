@@ -95,14 +95,7 @@ def certified_postures(
         name=machine.name,
         serial_number=machine.serial_number,
         machine=machine,
-        records=tuple(
-            CertifiedRecord(
-                *(session.name, record.digest, opened, session.readings),
-                *(opened.operator, opened.temperature_c, opened.procedure.name),
-            )
-            for session, record in pairs
-            for opened in [session.opened]
-        ),
+        records=tuple(CertifiedRecord.of(session, record.digest) for session, record in pairs),
         gauge="instrument",
         instruments=head.order.instrument if head else (),
         attached=f"Attached: {result.session.opened.procedure.attach or 'not stated.'}",

@@ -41,7 +41,6 @@ from calib.posterior.correction import HOLDS, Holds
 from calib.quantity import probability_words
 from calib.stats import UNLIKELY
 from calib.tripod.effects.empirical import EMPIRICAL
-from protocols.data_table import DataTable
 
 LOOKING = "Looking for what is missing …"
 NOT_YET = "The diagnosis is not ready yet."
@@ -446,7 +445,7 @@ def candidates_parts(diagnosis: Diagnosis) -> list[str | Table]:
 
 def _detectable(diagnosis: Diagnosis) -> list[Table]:
     """What would have been found, where readings and model agree."""
-    table = result_table(DataTable.of(Detectable, diagnosis.smallest_detectable))
+    table = result_table(Detectable, diagnosis.smallest_detectable)
     for name in diagnosis.not_shown:
         table.add_row(name, "not shown")
     return [table] if diagnosis.verdict == "agrees" else []

@@ -102,10 +102,8 @@ def _rows(history: History) -> Iterator[tuple[str, int, str]]:
 
 def machines_table(history: History) -> Table:
     """A row for each machine."""
-    table = new_table("machine", "sessions", "last", left_columns=1)
-    for name, count, day in _rows(history):
-        table.add_row(name, f"{count}", day)
-    return table
+    rows = ((name, f"{count}", day) for name, count, day in _rows(history))
+    return new_table("machine", "sessions", "last", rows=rows)
 
 
 def machine_parts(

@@ -66,12 +66,11 @@ def _change_table(change: PrinterChange) -> Table:
     then = _then(change)
     if change.endstops_alone:
         move = "or move the switch by, mm" if change.helps else "or the switch by, mm"
-        table = new_table("tower", "endstop now, mm", then, move)
-        for tower in change.towers:
-            stop = tower.endstop
-            moved = signed(-stop.change)
-            table.add_row(tower.tower, f"{stop.now:.3f}", f"{stop.then:.3f}", moved)
-        return table
+        rows = (
+            (t.tower, f"{t.endstop.now:.3f}", f"{t.endstop.then:.3f}", signed(-t.endstop.change))
+            for t in change.towers
+        )
+        return new_table("tower", "endstop now, mm", then, move, rows=rows)
     table = new_table("mm", "endstop", then, "arm", then, "angle, °", then)
     for tower in change.towers:
         pairs = (tower.endstop, tower.arm, tower.angle)

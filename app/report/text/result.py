@@ -39,7 +39,6 @@ from app.report.text.tables import (
     uncertain,
 )
 from calib.identify.solution import SUBSETS, Difference, Estimate, Solution
-from protocols.data_table import DataTable
 from protocols.machine import Instrument
 from protocols.session import Session
 
@@ -88,9 +87,13 @@ def view_parts(result: SessionSolution) -> list[str | Table]:
         f"View: {SUBSET_WORDS[solution.subset]}, {_method_words(solution)}",
         verdict_words(result),
         parameter_table(solution),
-        *([size_table(solution)] if solution.sizes else []),
+        *(
+            [result_table(Estimate, solution.effect_sizes, "fitted effect")]
+            if solution.sizes
+            else []
+        ),
         "\n".join(caveats_of_view(result)),
-        difference_table(solution),
+        result_table(Difference, solution.tabulated, "difference"),
         subset_table(result),
         noise_words(result),
     ]
@@ -184,25 +187,14 @@ def parameter_table(solution: Solution) -> Table:
     return table
 
 
-def size_table(solution: Solution) -> Table:
-    """Sizes of the model's effects, fitted with the parameters."""
-    return result_table(DataTable.of(Estimate, solution.effect_sizes, "fitted effect"))
-
-
-def difference_table(solution: Solution) -> Table:
-    """The (up to) twelve differences with what the model predicts."""
-    return result_table(DataTable.of(Difference, solution.tabulated, "difference"))
-
-
 def subset_table(result: SessionSolution) -> Table:
     """What each set of parameters leaves of the differences."""
-    table = new_table("set of parameters", "residual r.m.s., mm")
-    for subset in SUBSETS:
-        residual = "left out"
-        if subset in result.choice.solutions:
-            residual = f"{result.choice.solutions[subset].rms_after_mm:.4f}"
-        table.add_row(SUBSET_WORDS[subset], residual)
-    return table
+    left = {
+        subset: f"{solution.rms_after_mm:.4f}"
+        for subset, solution in result.choice.solutions.items()
+    }
+    rows = ((SUBSET_WORDS[subset], left.get(subset, "left out")) for subset in SUBSETS)
+    return new_table("set of parameters", "residual r.m.s., mm", rows=rows)
 
 
 def noise_words(result: SessionSolution) -> str:
@@ -316,7 +308,7 @@ def comparison_text(earlier: Solution, later: Solution, *, changed: bool = False
     pairs = both_values(earlier, later).items()
     rows = {difference_words(name): pair for name, pair in pairs}
     heading = "leg along axis" if any(" along " in name for name in rows) else "difference"
-    table = result_table(DataTable.of(BothValues, rows, heading))
+    table = result_table(BothValues, rows, heading)
     sentence = comparison_sentence(earlier, later)
     if changed:
         sentence = (
@@ -411,7 +403,7 @@ def verification_parts(verification: Verification) -> list[str | Table]:
 
 def offsets_table(verification: Verification) -> Table:
     """Joint offsets of both sessions, and whether they were entered."""
-    return result_table(DataTable.of(RemainingOffset, verification.offsets))
+    return result_table(RemainingOffset, verification.offsets)
 
 
 def decided(verification: Verification) -> str:

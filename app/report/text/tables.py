@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from io import StringIO
 from textwrap import fill
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -25,6 +25,8 @@ from protocols.data_table import DataTable
 
 if TYPE_CHECKING:
     from calib.tripod.workspace import PlaneMap
+
+R = TypeVar("R")
 
 WIDTH = 76
 """Fits a terminal of 80 columns inside borders and scroll bar."""
@@ -50,8 +52,12 @@ def new_table(*headings: str, left_columns: int = 1, rows: Iterable[Iterable[str
     return table
 
 
-def result_table(result: DataTable) -> Table:
-    """The columns that are for a reader; texts before the first number are on the left."""
+def result_table(kind: type[R], results: Iterable[R] | Mapping[str, R], key: str = "") -> Table:
+    """A row for each result of one kind, the columns that are for a reader; as `DataTable.of`.
+
+    Texts before the first number are on the left.
+    """
+    result = DataTable.of(kind, results, key)
     left_columns = max(result.text_columns, 1)
     return new_table(*result.headings, left_columns=left_columns, rows=result.reader_rows())
 

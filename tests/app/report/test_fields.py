@@ -66,8 +66,10 @@ def forms(kind: type[Play], joints: tuple[Play, ...], document: Report) -> dict[
         "schema": json.dumps(
             TypeAdapter(type(document)).json_schema(mode="serialization"), ensure_ascii=False
         ),
-        "terminal": table_text(result_table(table)),
-        "page": html_of(PrintedPage("toys", "", [], [Section("Joints", [result_table(table)])])),
+        "terminal": table_text(result_table(kind, joints)),
+        "page": html_of(
+            PrintedPage("toys", "", [], [Section("Joints", [result_table(kind, joints)])])
+        ),
         "notebook": table._repr_html_(),
         "spreadsheet": csv,
     }

@@ -54,7 +54,7 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
     """The report of results that are there."""
     result, verified = calibration.result, calibration.verification
     diagnosis = calibration.diagnosed.diagnosis
-    has_view, limits = result.view_solution is not None, calibration.limits
+    has_view = result.view_solution is not None
     legs = leg_figures(result) if has_view else ()
     sections = [
         Section(
@@ -69,7 +69,7 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
         _view(result),
         *([_budget(result)] if has_view else []),
         *([_again(verified)] if verified else []),
-        *([Section("What limits this result", limits)] if limits else []),
+        Section("What limits this result", calibration.limits),
         _missing(calibration.diagnosed, entered=calibration.verification is not None),
         *([_fit(result), _legs(legs)] if has_view else []),
         _doubted(result, calibration.sessions),

@@ -37,7 +37,7 @@ def history_page(history: History, now: datetime) -> PrintedPage:
         identification=title,
         sentences=[*texts.waiting_sentences(history), *(text for _, text in history.problems)],
         sections=[
-            *([Section("Machines", [texts.machines_table(history)])] if several else []),
+            Section("Machines", [texts.machines_table(history)] if several else []),
             *(_section(past, now) for past in history.all_machines),
         ],
     )

@@ -194,7 +194,9 @@ def write_report(
     Raises UsageError for another ending, and as ``source``, `issue_number`, `check_head` and
     `write_files`.
     """
-    check_output(output, replace=replace)
+    if output.suffix not in ENDINGS:
+        raise UsageError("--output", f"{output}", f"a path that ends with {', '.join(ENDINGS)}")
+    check_targets([output], replace=replace)  # before long work
     digital = output.suffix == ".xml"
     if digital:
         check_head(head)
@@ -212,12 +214,3 @@ def write_report(
 
             content = signed(content, key)
     return write_files(output, {"": content}, replace=replace)[0]
-
-
-def check_output(output: Path, *, replace: bool) -> None:
-    """Check the target before long work. Raises UsageError for another ending, and as
-    `check_targets`.
-    """
-    if output.suffix not in ENDINGS:
-        raise UsageError("--output", f"{output}", f"a path that ends with {', '.join(ENDINGS)}")
-    check_targets([output], replace=replace)

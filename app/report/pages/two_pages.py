@@ -53,7 +53,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with what stands below it, in this order; an empty sentence is left out."""
+    """A heading with what stands below it, in this order; what is empty is left out."""
 
     heading: str
     parts: Sequence[str | Table | Picture]
@@ -151,11 +151,10 @@ def second_page(calibration: CertifiedCalibration, legs: Sequence[LegFigure]) ->
     )
     if len(legs) > MOST_LEGS:
         caption += f" {len(legs) - MOST_LEGS} more are in the annex."
-    sheet = [Picture(leg_sheet_svg(legs[:MOST_LEGS]), caption)] if legs else []
     return [
         Section("Entered and verified", _verified(calibration)),
         Section("Uncertainty", [UNCERTAINTY]),
-        *([Section(heading, sheet)] if sheet else []),
+        Section(heading, [Picture(leg_sheet_svg(legs[:MOST_LEGS]), caption)] if legs else []),
         Section("Limits of this result", shortened_limits(calibration.limits)),
     ]
 

@@ -87,11 +87,7 @@ def view_parts(result: SessionSolution) -> list[str | Table]:
         f"View: {SUBSET_WORDS[solution.subset]}, {_method_words(solution)}",
         verdict_words(result),
         parameter_table(solution),
-        *(
-            [result_table(Estimate, solution.effect_sizes, "fitted effect")]
-            if solution.sizes
-            else []
-        ),
+        result_table(Estimate, solution.effect_sizes, "fitted effect") if solution.sizes else "",
         "\n".join(caveats_of_view(result)),
         result_table(Difference, solution.tabulated, "difference"),
         subset_table(result),

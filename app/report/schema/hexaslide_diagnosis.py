@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 from app.evaluating.hexaslide_adoption import Adoption, DiagnosedPostures
 from app.evaluating.hexaslide_comparison import ComparedSession, ComparedSessions
@@ -13,6 +13,7 @@ from calib.hexaslide.causes import AdoptedEffect
 from calib.hexaslide.comparison import MachinesApart
 from calib.hexaslide.diagnosis import CauseSize, HexaSlideClaim
 from calib.hexaslide.held_out import LeftOutGap
+from calib.quantity import Quantity
 
 
 @dataclass(frozen=True)
@@ -102,10 +103,10 @@ class HexaSlideDiagnosisReport(Report):
 class LengthOfBoth:
     """A length that no frame changes, mm; 0 within ``expanded_mm`` is expected."""
 
-    before_mm: float
-    after_mm: float
-    difference_mm: float
-    expanded_mm: float | None
+    before_mm: Annotated[float, Quantity("before", "mm", decimals=4)]
+    after_mm: Annotated[float, Quantity("after", "mm", decimals=4)]
+    difference_mm: Annotated[float, Quantity("difference", "mm", "signed", 4)]
+    expanded_mm: Annotated[float | None, Quantity("± U (95 %)", decimals=4)]
 
 
 def lengths_of(apart: MachinesApart) -> dict[str, LengthOfBoth]:

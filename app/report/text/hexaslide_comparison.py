@@ -7,9 +7,9 @@ import math
 from rich.table import Table
 
 from app.evaluating.hexaslide_comparison import ComparedSession, ComparedSessions
-from app.report.schema.hexaslide_diagnosis import lengths_of
+from app.report.schema.hexaslide_diagnosis import LengthOfBoth, lengths_of
 from app.report.text.hexaslide_diagnosis import verdict_words
-from app.report.text.tables import new_table, paragraphs, signed
+from app.report.text.tables import paragraphs, result_table
 from calib.hexaslide.comparison import CHANGED, MachinesApart
 
 MOST_LENGTHS = 8
@@ -72,13 +72,9 @@ def _lengths(apart: MachinesApart) -> list[str | Table]:
     )
     if not beyond:
         return [f"{text}."]
-    table = new_table("length", "before, mm", "after, mm", "difference, mm", "± U (95 %)")
-    for name in beyond[:MOST_LENGTHS]:
-        length = lengths[name]
-        values = f"{length.before_mm:.4f}", f"{length.after_mm:.4f}"
-        table.add_row(name, *values, signed(length.difference_mm, 4), f"{length.expanded_mm:.4f}")
+    listed = {name: lengths[name] for name in beyond[:MOST_LENGTHS]}
     together = "of one machine one in twenty does, and those of a joint go together"
-    return [f"{text}; {together}.", table]
+    return [f"{text}; {together}.", result_table(LengthOfBoth, listed, "length")]
 
 
 def _session(session: ComparedSession) -> str:

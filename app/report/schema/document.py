@@ -93,11 +93,6 @@ def by_name(names: Iterable[str], values: FloatArray) -> dict[str, float]:
     return dict(zip(names, values.tolist(), strict=True))
 
 
-def numbers(values: FloatArray | None) -> list[float] | None:
-    """Values ``(n,)``; None where there are none."""
-    return None if values is None else values.tolist()
-
-
 def finite(value: float) -> float | None:
     """The value; None where it is not finite."""
     return value if math.isfinite(value) else None

@@ -30,7 +30,6 @@ from app.report.schema.document import (
     finite,
     holes,
     maybe,
-    numbers,
     schema,
 )
 from calib.design.identifiability import Direction
@@ -287,7 +286,9 @@ class SolutionReport(Report):
     """expanded uncertainty (95 %) of each parameter with those outside the set off within their
     tolerance
     """
-    difference_expanded_mm: Numbers | None = of_view(lambda v: numbers(v.expanded_of_difference_mm))
+    difference_expanded_mm: Numbers | None = of_view(
+        lambda v: maybe(lambda mm: mm.tolist(), v.expanded_of_difference_mm)
+    )
     """expanded uncertainty (95 %) of d_rho - d_L of x, y, z where the readings tell little of
     d_rho but that; else null
     """

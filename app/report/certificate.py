@@ -31,6 +31,7 @@ from protocols.model_file import read_model_file
 from protocols.session import Beginning, Line, Session
 
 if TYPE_CHECKING:  # of the other kind of machine
+    from protocols.hexaslide import HexaSlideMachine
     from protocols.hexaslide_session import PostureSession
 
 MOST_LOGO_BYTES, MOST_LOGO_PIXELS = 1_000_000, 20_000_000
@@ -91,17 +92,16 @@ class CertifiedRecord:
 class Certified:
     """What report and certificate state of a machine, whichever kind it is.
 
-    ``name`` and ``serial_number`` are those of the machine file. The last record is that of a later
-    session. ``gauge`` is the word for what measured, ``attached`` a sentence on what the operator
-    attached. ``moved``, the tool or the platform, has the tolerance; ``decisions`` are by what was
-    judged, None where it was not; all depends on the ``terms`` beside the records. ``warnings``
-    must be known before values are entered, ``limits`` before numbers are used, the gravest first.
-    Without ``head`` nobody certifies it.
+    ``machine`` is that of the machine file. The last record is that of a later session. ``gauge``
+    is the word for what measured, ``attached`` a sentence on what the operator attached. ``moved``,
+    the tool or the platform, has the tolerance; ``decisions`` are by what was judged, None where it
+    was not; all depends on the ``terms`` beside the records. ``warnings`` must be known before
+    values are entered, ``limits`` before numbers are used, the gravest first. Without ``head``
+    nobody certifies it.
     """
 
     head: CertificateHead | None
-    name: str
-    serial_number: str | None
+    machine: Machine | HexaSlideMachine
     records: tuple[CertifiedRecord, ...]
     gauge: str
     instruments: tuple[InstrumentIdentity, ...]
@@ -123,7 +123,7 @@ class Certified:
     def serial_numbers(self) -> tuple[str, ...]:
         """Serial numbers of the machine: the order's, and the record's where that is another."""
         ordered = self.head.order.machine.serial_number if self.head else None
-        return tuple(dict.fromkeys(filter(None, (ordered, self.serial_number))))
+        return tuple(dict.fromkeys(filter(None, (ordered, self.machine.serial_number))))
 
     @property
     def digests(self) -> tuple[str, ...]:
@@ -233,13 +233,10 @@ def calibration_of(
     if model:
         content = read_bytes(model, "model file", MOST_BYTES)
         terms += f", model {sha256(content).hexdigest()[:DIGEST_LETTERS]}"
-    diagnosis, machine = diagnosed.diagnosis, sessions[0].opened.machine
-    change = result.printer_change
+    diagnosis, change = diagnosed.diagnosis, result.printer_change
     return CertifiedCalibration(
         head=head,
-        name=machine.name,
-        serial_number=machine.serial_number,
-        machine=machine,
+        machine=sessions[0].opened.machine,
         records=tuple(CertifiedRecord.of(session, session.digest) for session in sessions),
         gauge=gauge_word(result),
         instruments=_instruments(sessions, head),

@@ -92,8 +92,6 @@ def certified_postures(
     pairs = [(result.session, result.record), *([read_postures(later_path)] if later_path else [])]
     return CertifiedPostures(
         head=head,
-        name=machine.name,
-        serial_number=machine.serial_number,
         machine=machine,
         records=tuple(CertifiedRecord.of(session, record.digest) for session, record in pairs),
         gauge="instrument",

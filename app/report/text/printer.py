@@ -140,7 +140,7 @@ def tower_remedies(effects: Sequence[EffectInstance], towers: Mapping[str, str])
 
 def _remedy(effect: EffectInstance, towers: Mapping[str, str]) -> str | None:
     value, half = float(effect.values[0].real), 2.0 * sum(effect.deviations[:1])
-    size = f"{abs(value):.{decimals(half) if half > 0.0 else 3}f} mm"
+    sign, size = "-" * (value < 0.0), f"{abs(value):.{decimals(half) if half > 0.0 else 3}f} mm"
     names = [towers.get(letter, "") for letter in effect.place]
     law, tower = effect.effect, names[0]
     if isinstance(law, ActuatorScale):
@@ -152,9 +152,9 @@ def _remedy(effect: EffectInstance, towers: Mapping[str, str]) -> str | None:
             "belt is not as stated, or stretched. Then home, probe again, and import that"
         )
     if isinstance(law, Backlash):
-        return f"belt or joints of tower {tower} are slack by {size}: tighten them"
+        return f"belt or joints of tower {tower} are slack by {sign}{size}: tighten them"
     if isinstance(law, LegLength):
-        return f"arm of tower {tower}: {'+' if value >= 0.0 else '-'}{size}, in the exported values"
+        return f"arm of tower {tower}: {sign or '+'}{size}, in the exported values"
     if type(law) is AxisOffset and effect.place[1:] in ("r", "t"):
         out, back = ("out", "in") if effect.place[1:] == "r" else ("anticlockwise", "clockwise")
         way, against = (out, back) if value > 0.0 else (back, out)

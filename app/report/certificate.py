@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Literal
 
 from pydantic import Field
 
@@ -29,10 +29,6 @@ from protocols.files import write_files
 from protocols.machine import Machine
 from protocols.model_file import read_model_file
 from protocols.session import Beginning, Line, Session
-
-if TYPE_CHECKING:  # of the other kind of machine
-    from protocols.hexaslide import HexaSlideMachine
-    from protocols.hexaslide_session import PostureSession
 
 MOST_LOGO_BYTES, MOST_LOGO_PIXELS = 1_000_000, 20_000_000
 DIGEST_LETTERS = 12
@@ -77,31 +73,22 @@ class CertifiedRecord:
     temperature_c: float | None
     procedure: str | None
 
-    @classmethod
-    def of(cls, session: Session | PostureSession, digest: str) -> Self:
-        """What a certificate states of the record of a session."""
-        opened = session.opened
-        return cls(
-            *(session.name, digest, opened, session.readings),
-            *(opened.operator, opened.temperature_c),
-            opened.procedure.name if opened.procedure else None,
-        )
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Certified:
     """What report and certificate state of a machine, whichever kind it is.
 
-    ``machine`` is that of the machine file. The last record is that of a later session. ``gauge``
-    is the word for what measured, ``attached`` a sentence on what the operator attached. ``moved``,
-    the tool or the platform, has the tolerance; ``decisions`` are by what was judged, None where it
-    was not; all depends on the ``terms`` beside the records. ``warnings`` must be known before
-    values are entered, ``limits`` before numbers are used, the gravest first. Without ``head``
-    nobody certifies it.
+    ``name`` and ``serial_number`` are those of the machine file. The last record is that of a later
+    session. ``gauge`` is the word for what measured, ``attached`` a sentence on what the operator
+    attached. ``moved``, the tool or the platform, has the tolerance; ``decisions`` are by what was
+    judged, None where it was not; all depends on the ``terms`` beside the records. ``warnings``
+    must be known before values are entered, ``limits`` before numbers are used, the gravest first.
+    Without ``head`` nobody certifies it.
     """
 
     head: CertificateHead | None
-    machine: Machine | HexaSlideMachine
+    name: str
+    serial_number: str | None
     records: tuple[CertifiedRecord, ...]
     gauge: str
     instruments: tuple[InstrumentIdentity, ...]
@@ -123,7 +110,7 @@ class Certified:
     def serial_numbers(self) -> tuple[str, ...]:
         """Serial numbers of the machine: the order's, and the record's where that is another."""
         ordered = self.head.order.machine.serial_number if self.head else None
-        return tuple(dict.fromkeys(filter(None, (ordered, self.machine.serial_number))))
+        return tuple(dict.fromkeys(filter(None, (ordered, self.serial_number))))
 
     @property
     def digests(self) -> tuple[str, ...]:
@@ -233,11 +220,22 @@ def calibration_of(
     if model:
         content = read_bytes(model, "model file", MOST_BYTES)
         terms += f", model {sha256(content).hexdigest()[:DIGEST_LETTERS]}"
-    diagnosis, change = diagnosed.diagnosis, result.printer_change
+    diagnosis, machine = diagnosed.diagnosis, sessions[0].opened.machine
+    change = result.printer_change
     return CertifiedCalibration(
         head=head,
-        machine=sessions[0].opened.machine,
-        records=tuple(CertifiedRecord.of(session, session.digest) for session in sessions),
+        name=machine.name,
+        serial_number=machine.serial_number,
+        machine=machine,
+        records=tuple(
+            CertifiedRecord(
+                *(session.name, session.digest, opened, session.readings),
+                *(opened.operator, opened.temperature_c),
+                opened.procedure.name if opened.procedure else None,
+            )
+            for session in sessions
+            for opened in [session.opened]
+        ),
         gauge=gauge_word(result),
         instruments=_instruments(sessions, head),
         completeness=f"{diagnosis.verdict}: {diagnosis.sentence}",

@@ -92,8 +92,17 @@ def certified_postures(
     pairs = [(result.session, result.record), *([read_postures(later_path)] if later_path else [])]
     return CertifiedPostures(
         head=head,
+        name=machine.name,
+        serial_number=machine.serial_number,
         machine=machine,
-        records=tuple(CertifiedRecord.of(session, record.digest) for session, record in pairs),
+        records=tuple(
+            CertifiedRecord(
+                *(session.name, record.digest, opened, session.readings),
+                *(opened.operator, opened.temperature_c, opened.procedure.name),
+            )
+            for session, record in pairs
+            for opened in [session.opened]
+        ),
         gauge="instrument",
         instruments=head.order.instrument if head else (),
         attached=f"Attached: {result.session.opened.procedure.attach or 'not stated.'}",

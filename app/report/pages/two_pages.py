@@ -242,7 +242,7 @@ def machine_table(certified: Certified, facts: Mapping[str, str]) -> Table:
     limit_mm = certified.tolerance_mm
     stated = "not stated" if limit_mm is None else f"{limit_mm:g} mm r.m.s."
     rows = {**facts, f"tolerance of the {certified.moved}": stated}
-    return new_table("machine", certified.machine.name, left_columns=2, rows=rows.items())
+    return new_table("machine", certified.name, left_columns=2, rows=rows.items())
 
 
 def shortened_limits(limits: Sequence[str], longest: int = LONGEST) -> list[str]:

@@ -106,6 +106,13 @@ def decimals(size: float) -> int:
     return max(0, 1 - int(f"{size:.1e}".partition("e")[2])) if size > 0.0 else 4
 
 
+def known_to(value: float, half: float) -> str:
+    """A number with its sign, to the second digit of its expanded uncertainty."""
+    if half > 0.0:
+        value = round(value, 1 - int(f"{half:.1e}".partition("e")[2]))
+    return signed(value, decimals(half))
+
+
 def figures(size: float) -> str:
     """A size to two digits, without an exponent."""
     rounded = float(f"{size:.1e}")

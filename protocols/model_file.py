@@ -114,21 +114,26 @@ def placed_effects(
     """
     effect = _effect_of(entry, effects, geometry, subject)
     units = {parameter.name: parameter.unit for parameter in effect.parameters}
-    values: dict[str, dict[str, float]] = {}
+    values: dict[str, dict[str, ParameterEntry]] = {}
     for name, parameter in entry.parameters.items():
         base = parameter.of or name
         if parameter.unit != units[base]:
             where = f"{subject}, {entry.id}, {name}, unit"
             raise RecordError(where, repr(parameter.unit), units[base])
         for place in _places(entry, parameter, effect, geometry, subject):
-            values.setdefault(place, {})[base] = parameter.value
+            values.setdefault(place, {})[base] = parameter
     for place, sizes in values.items():
         if set(sizes) != set(units):
             raise RecordError(
                 f"{subject}, {entry.id} at {place}", ", ".join(sizes), " and ".join(units)
             )
     return tuple(
-        EffectInstance(effect, place, tuple(sizes[name] for name in units))
+        EffectInstance(
+            effect,
+            place,
+            tuple(sizes[name].value for name in units),
+            tuple(sizes[name].standard_uncertainty or 0.0 for name in units),
+        )
         for place, sizes in values.items()
     )
 

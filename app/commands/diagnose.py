@@ -132,9 +132,9 @@ def _show(
         return f"{diagnosis_text(diagnosed, adopted)}\n\n{further_text(reach)}"
 
     def document(diagnosed: SessionDiagnosis) -> Report:
-        from app.report.schema.diagnosis import DiagnosisReport, DiagnosisResults
+        from app.report.schema.diagnosis import DiagnosisReport
 
-        return DiagnosisReport.of(DiagnosisResults(diagnosed, reach, adopted))
+        return DiagnosisReport.of(diagnosed, reach, adopted)
 
     Answer(diagnosed, text, document).show(as_json=as_json)
 

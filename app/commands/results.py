@@ -308,7 +308,7 @@ def history(
     if len(options := [name for name, is_present in forms.items() if is_present]) > 1:
         raise UsageError(" and ".join(options), "more than one", "one of them")
     if output is not None:
-        force = may_deliver(output, force=force)
+        force = may_deliver(output, force=force, suffix=".html")
     # a server ends this process by force, and no other one that it began
     processors = (os.cpu_count() or 1) if within_s is None else 1
     with working("Working out sessions", "sessions"):

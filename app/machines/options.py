@@ -127,8 +127,8 @@ def may_write(output: Path | None, suffix: str, *, force: bool) -> bool:
     return may_replace(force, output)
 
 
-def may_deliver(output: Path, *, force: bool, folder: bool = False) -> bool:
-    """Check what `deliver` will write like `may_replace`, before the work.
+def may_deliver(output: Path, *, force: bool, folder: bool = False, suffix: str = "") -> bool:
+    """Check what `deliver` will write like `may_write`, before the work; any name without a suffix.
 
     Into a ``folder`` that is there `deliver` looks itself: what files it gets is known only then.
     Raises UsageError where a folder is needed and the output is another thing.
@@ -141,7 +141,7 @@ def may_deliver(output: Path, *, force: bool, folder: bool = False) -> bool:
         return force
     if folder and output.exists():
         raise UsageError("output", f"{output}, not a folder", "a folder: these are several files")
-    return may_replace(force, output)
+    return may_write(output, suffix or output.suffix, force=force)
 
 
 def deliver(output: Path, contents: Contents, *, force: bool) -> None:

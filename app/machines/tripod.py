@@ -242,11 +242,11 @@ def solve(
         return "\n\n".join(parts)
 
     def document(result: SessionSolution) -> Report:
-        from app.report.schema.solution import SolutionReport, SolutionResults
+        from app.report.schema.solution import SolutionReport
 
         if show_figures:
             raise UsageError("--json", "beside --figures, which are text", "one of them")
-        return SolutionReport.of(SolutionResults(result, judged, mapped, simulated))
+        return SolutionReport.of(result, judged, mapped, simulated)
 
     return Answer(result, text, document)
 

@@ -11,6 +11,7 @@ from textual.widgets import Static
 
 from app.measuring.aligning import Round, align_session
 from app.report.text import alignment as texts
+from app.report.text.help import help_of
 from app.report.text.session import progress_text
 from app.screens.corrections import Corrections
 from app.screens.interface import screen_of
@@ -22,7 +23,7 @@ from calib.errors import GlidecalError
 class AlignScreen(Corrections):
     """One screw after the other; what it has moved by and what is to go, while it is turned."""
 
-    HELP = texts.ALIGN_HELP
+    HELP = help_of("align")
     FINISHES, LEAVES = "align.finish", "align.leave"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "choose(-1)", "Up", show=False, id="align.up"),

@@ -16,7 +16,7 @@ from app.measuring.opening import PlanCheck
 from app.measuring.plan import Plan
 from app.measuring.session import Indicators
 from app.report.text import motion, preparing
-from app.report.text.home import CHECK_HELP, DRY_RUN_HELP
+from app.report.text.help import help_of
 from app.screens.interface import MainScreen, once, screen_of
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, is_left
@@ -26,7 +26,7 @@ from app.screens.session_view import Gauges
 class CheckScreen(MainScreen[None]):
     """Live readings before the record begins."""
 
-    HELP = CHECK_HELP
+    HELP = help_of("check")
     heading = "Check of the indicators"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "begin", "Begin", id="check.begin"),
@@ -135,7 +135,7 @@ class CheckScreen(MainScreen[None]):
 class DryRunScreen(PagedScreen[None]):
     """Every step of a procedure, and what it will tell."""
 
-    HELP = DRY_RUN_HELP
+    HELP = help_of("dry-run")
     PAGES = (Page("dry-run", "Every step"), Page("expected", "What to expect"))
 
     def __init__(self, plan: Plan) -> None:

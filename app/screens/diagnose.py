@@ -13,6 +13,7 @@ from app.dialogue.adoption import AdoptionDialogue
 from app.evaluating.diagnosis import SessionDiagnosis
 from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
+from app.report.text.help import help_of
 from app.screens.interface import once, screen_of
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
@@ -22,7 +23,7 @@ from app.screens.what_if import tried
 class DiagnoseScreen(PagedScreen[None]):
     """One diagnosis; what was named can be adopted into a model and is then looked for no more."""
 
-    HELP = texts.DIAGNOSE_HELP
+    HELP = help_of("diagnose")
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("a", "adopt", "Adopt", id="diagnose.adopt"),
         Binding("n", "next", "Next measurement", id="diagnose.next"),

@@ -12,6 +12,7 @@ from app.dialogue.hexaslide import asked_count, asked_request
 from app.planning.hexaslide import Request, better_and_better, hexaslide_planning
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from app.report.text import hexaslide as texts
+from app.report.text.help import help_of
 from app.screens.interface import once
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
@@ -23,7 +24,7 @@ from calib.hexaslide.search import BestPostures
 class HexaSlideScreen(PagedScreen[None]):
     """Four procedures on one machine; nothing is written."""
 
-    HELP = texts.HEXASLIDE_HELP
+    HELP = help_of("hexaslide")
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("p", "ask('procedure')", "Procedure", id="hexaslide.procedure"),
         Binding("o", "search", "Optimum", id="hexaslide.search"),

@@ -12,7 +12,7 @@ from app.evaluating.hexaslide import CausesToTry, PostureResult, causes_to_try, 
 from app.exports.hexaslide import write_calibrated
 from app.report.charts.hexaslide import drawn_machine, left_with, residual_charts
 from app.report.text import hexaslide_result as texts
-from app.report.text import hexaslide_what_if as what_if_texts
+from app.report.text.help import help_of
 from app.screens.interface import once
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
@@ -25,7 +25,7 @@ from calib.quantity import Sizes
 class HexaSlideResultScreen(PagedScreen[None]):
     """One session of postures; the calibrated machine and the report can be written."""
 
-    HELP = texts.POSTURE_RESULT_HELP
+    HELP = help_of("posture-result")
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("e", "export", "Export", id="postures.export"),
         Binding("r", "report", "Report", id="postures.report"),
@@ -81,9 +81,9 @@ class HexaSlideResultScreen(PagedScreen[None]):
         if self.result is None:
             return
         causes = await apart(self, causes_to_try, self.result.calibration.source)
-        words_of = what_if_texts.cause_words
+        words_of = texts.cause_words
         listed = [(name, words_of(name, weight)) for name, weight in causes.likely.items()]
-        name = await self.choice(what_if_texts.WHICH, listed)
+        name = await self.choice(texts.WHICH_CAUSE, listed)
         if name is not None:
             await self.ask(PostureWhatIfScreen(self.path, causes, name))
 
@@ -119,14 +119,14 @@ def _report(result: PostureResult, target: Path, *, replace: bool) -> Path:
 class PostureWhatIfScreen(SizesScreen[None, CauseAtSize]):
     """One cause beside the parameters; nothing is written."""
 
-    HELP = what_if_texts.WHAT_IF_HELP
+    HELP = help_of("posture-what-if")
     BINDINGS: ClassVar[list[BindingType]] = [*SIZE_KEYS]
     PAGES = (Page("left", "What is left", charts=1, text=False),)
     trial: PostureTrial
     """From when it is begun."""
 
     def __init__(self, path: Path, causes: CausesToTry, name: tuple[str, str]) -> None:
-        super().__init__(what_if_texts.heading_text(name, path))
+        super().__init__(texts.what_if_heading(name, path))
         self._causes, self._cause = causes, name
 
     def begun(self) -> Sizes:
@@ -140,4 +140,4 @@ class PostureWhatIfScreen(SizesScreen[None, CauseAtSize]):
         nominal, readings = self.trial.at([0.0] * len(outcome.values)), self.trial.models.readings
         numbers = [readings.number(row) for row in range(len(readings.sliders))]
         self.follow("left", left_with(numbers, nominal, outcome))
-        return what_if_texts.effect_text(nominal, outcome)
+        return texts.what_if_text(nominal, outcome)

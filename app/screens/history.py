@@ -16,6 +16,7 @@ from app.report.charts.history import history_figures
 from app.report.charts.results import before_and_after
 from app.report.text import history as texts
 from app.report.text import result as result_texts
+from app.report.text.help import help_of
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart
 from app.screens.plot import LegPlots
@@ -24,7 +25,7 @@ from app.screens.plot import LegPlots
 class CompareScreen(PagedScreen[None]):
     """Two sessions side by side."""
 
-    HELP = result_texts.COMPARISON_HELP
+    HELP = help_of("comparison")
     PAGES = (
         Page("comparison", "Comparison", charts=1, beside=True),
         Page("plot", "Plot", charts=1, text=False),
@@ -45,7 +46,7 @@ class CompareScreen(PagedScreen[None]):
 class HistoryScreen(PagedScreen[None]):
     """A list of machines where there are several, a text of one of them, and its charts."""
 
-    HELP = texts.HISTORY_HELP
+    HELP = help_of("history")
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("plus", "figure('charts', 1)", "Next chart", show=False, id="history.next_figure"),
         Binding(

@@ -18,6 +18,7 @@ from textual.widgets.option_list import Option
 from app.dialogue.sessions import SessionChoice, plan_to_go_on
 from app.measuring import recorded
 from app.report.text import home as texts
+from app.report.text.help import help_of
 from app.screens import Look, look_of
 from app.screens.interface import MainScreen, once, screen_of
 from app.screens.pages import apart
@@ -31,7 +32,7 @@ Shown = TypeVar("Shown", bound=Screen[Any])
 class HomeScreen(MainScreen[None]):
     """The first screen."""
 
-    HELP = texts.HOME_HELP
+    HELP = help_of("home")
     heading = "glidecal"
     AUTO_FOCUS = "#choices"
     _recent: Sequence[recorded.SessionFile] = ()

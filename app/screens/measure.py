@@ -21,6 +21,7 @@ from app.measuring.session import GuidedSession
 from app.measuring.unattended import lost_words
 from app.report.text import motion, questions
 from app.report.text import session as texts
+from app.report.text.help import help_of
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog, once, screen_of
 from app.screens.pages import KeyLine, Resting, apart, is_left
@@ -41,7 +42,7 @@ AGES_S = 0.2
 class MeasureScreen(Corrections, SessionScreen, Resting):
     """One step after the other; Space takes it."""
 
-    HELP = texts.MEASURE_HELP
+    HELP = help_of("measure")
     FINISHES, LEAVES = "measure.take", "measure.leave"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="measure.take"),

@@ -20,6 +20,7 @@ from textual.widgets import Input, Label, Select, Static
 from app.measuring.indicators import serial_ports
 from app.measuring.preparation import Form, Preparation, ProfileTrial, retyped
 from app.report.text import home as texts
+from app.report.text.help import help_of, help_of_field
 from app.report.text.indicator import findings_text, trial_text
 from app.report.text.preparing import indicator_fields, prepared_texts
 from app.screens.check import CheckScreen, DryRunScreen
@@ -73,7 +74,7 @@ class FormScreen(MainScreen[ScreenResultType]):
 class IndicatorScreen(FormScreen[Form]):
     """A form that keeps what was typed however it is left; no port is opened unasked."""
 
-    HELP = texts.INDICATOR_HELP
+    HELP = help_of("indicator")
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f3", "try_profiles", "Try profiles on this port", id="indicator.try"),
         Binding("f5", "leave", "Done", id="indicator.done"),
@@ -147,7 +148,7 @@ class IndicatorField(Static, can_focus=True):
 class PrepareScreen(FormScreen[None]):
     """A form; F5 goes on to the instrument check. What was typed stays, however it is left."""
 
-    HELP = texts.PREPARE_HELP
+    HELP = help_of("prepare")
     heading = "New session"
     AUTO_FOCUS = "#indicator1"
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -170,8 +171,8 @@ class PrepareScreen(FormScreen[None]):
     def box(self, field: texts.FormField) -> Widget:
         of_indicator = field in texts.WHICH_INDICATOR
         box = IndicatorField(id=field.name, markup=False) if of_indicator else super().box(field)
-        if field.name in texts.FIELD_HELP:
-            box.tooltip = Content(texts.FIELD_HELP[field.name])
+        if help_text := help_of_field(field.name):
+            box.tooltip = Content(help_text)
         return box
 
     @on(Input.Changed)

@@ -14,6 +14,7 @@ from textual.widgets import Log
 from app.measuring.attended import TakenBy
 from app.measuring.playback import Playback
 from app.report.text import replay as texts
+from app.report.text.help import help_of
 from app.screens.interface import once, screen_of
 from app.screens.pages import apart, last_lines
 from app.screens.session_view import SessionScreen, SessionView
@@ -29,7 +30,7 @@ class ReplayScreen(SessionScreen):
     Raises RecordError or UsageError where the file cannot be used.
     """
 
-    HELP = texts.REPLAY_HELP
+    HELP = help_of("replay")
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "playback('toggle')", "Play", id="replay.play"),
         Binding("right", "playback('step', 1)", "Next", id="replay.forward"),

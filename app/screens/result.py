@@ -22,6 +22,7 @@ from app.report.text import result as texts
 from app.report.text import what_if as what_if_texts
 from app.report.text.correction import SUBSET_WORDS
 from app.report.text.glance import Done, glance_text
+from app.report.text.help import help_of
 from app.screens.interface import once, screen_of
 from app.screens.paged import Page, PagedScreen
 from app.screens.pages import apart, is_left
@@ -36,7 +37,7 @@ COMPARISON = Page("before-after", "Before/after", charts=1, beside=True)
 class ResultScreen(PagedScreen[None]):
     """One solution; with the plan of its session it can be verified."""
 
-    HELP = texts.RESULT_HELP
+    HELP = help_of("result")
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("e", "export", "Export", id="result.export"),
         Binding("v", "verify", "Verify", id="result.verify"),

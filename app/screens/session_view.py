@@ -30,8 +30,9 @@ from app.report.charts.strips import strip_rows
 from app.report.charts.tripod import drawn_set_up
 from app.report.text import motion
 from app.report.text import session as texts
+from app.report.text.help import help_of
 from app.report.text.indicator import NO_NUMBER, panel_title, port_words, shown_number, state_words
-from app.report.text.leg_review import REVIEW_HELP, leg_review_text
+from app.report.text.leg_review import leg_review_text
 from app.screens.interface import WIDE, Dialog, Glidecal, MainScreen
 from app.screens.pages import Resting, signalled
 from app.screens.plot import ChartPlot
@@ -287,7 +288,7 @@ class SetUpScreen(Dialog[None]):
 class LegReviewScreen(Dialog[bool]):
     """Look, then go on to the next leg; dismissed with whether the session shall be on hold."""
 
-    HELP = REVIEW_HELP
+    HELP = help_of("review")
     AUTO_FOCUS = "#review"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space,enter,escape", "dismiss(False)", "Continue", id="review.continue"),

@@ -18,6 +18,7 @@ from app.evaluating.what_if import Choice, Trial, WhatIf, choices, trial_of
 from app.report.charts.charts import Chart
 from app.report.charts.results import predictions_with, residuals_with
 from app.report.text import what_if as texts
+from app.report.text.help import help_of
 from app.report.text.home import ONLY_SHOWN
 from app.report.text.tables import wrapped
 from app.screens.interface import once
@@ -154,7 +155,7 @@ class SizesScreen(PagedScreen[ScreenResultType], Generic[ScreenResultType, Outco
 class WhatIfScreen(SizesScreen[EffectEntry | None, WhatIf]):
     """One effect beside the parameters; dismissed with the size that a person adopts."""
 
-    HELP = texts.WHAT_IF_HELP
+    HELP = help_of("what-if")
     BINDINGS: ClassVar[list[BindingType]] = [
         *SIZE_KEYS,
         Binding("enter", "adopt", "Adopt", id="what_if.adopt"),

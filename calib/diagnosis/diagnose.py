@@ -278,7 +278,7 @@ class _Report:
             mean, deviation = mixture_moments(share, np.array(means), np.array(variances))
             columns = zip(candidate.parameters, mean.tolist(), deviation.tolist(), strict=True)
             parameters += [Value(p.name, value, u, p.unit) for p, value, u in columns]
-            effects += candidate.effects(mean)
+            effects += candidate.effects(mean, deviation)
         return tuple(parameters), tuple(effects)
 
     def _left_over(

@@ -100,19 +100,19 @@ class Difference:
         Quantity(
             "measured",
             "mm",
-            "signed",
+            "measured",
             3,
             "mean of the readings there less the mean at the other posture",
         ),
     ]
     standard_uncertainty: Annotated[
         float,
-        Quantity("u", "mm", "uncertainty", 4, "standard uncertainty of the measured difference"),
+        Quantity("u", "mm", "uncertainty", 3, "standard uncertainty of the measured difference"),
     ]
     predicted: Annotated[
-        float, Quantity("predicted", "mm", "signed", 3, "what the parameters predict")
+        float, Quantity("predicted", "mm", "measured", 3, "what the parameters predict")
     ]
-    residual: Annotated[float, Quantity("residual", "mm", "signed", 3, "measured less predicted")]
+    residual: Annotated[float, Quantity("residual", "mm", "measured", 3, "measured less predicted")]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import pytest
 
 import glidecal
 from app.report.schema.document import to_json
-from app.report.schema.solution import SolutionReport, SolutionResults
+from app.report.schema.solution import SolutionReport
 from tests.app.cli import glidecal as command
 from tests.app.test_house import imported
 from tests.conftest import LONG, ROOT, SAMPLES
@@ -48,7 +48,7 @@ def test_solving_a_path_or_a_session_is_what_the_command_says() -> None:
     document = json.loads(command("solve", SESSION, "--json").out)
     for source in (str(SESSION), glidecal.load(SESSION)):
         result = glidecal.solve(source)
-        report = json.loads(to_json(SolutionReport.of(SolutionResults(result))))
+        report = json.loads(to_json(SolutionReport.of(result, None, None, None)))
         assert report["parameters"] == document["parameters"]
     frame = result.to_frame()
     values = {name: parameter["value"] for name, parameter in document["parameters"].items()}

@@ -24,7 +24,7 @@ class CannotLeaveOut(Exception):
 def of_the_program(session: Path, without: tuple[str, ...], also: tuple[str, ...] = ()) -> Json:
     """The document of the program's own diagnosis. Raises CannotLeaveOut."""
     from app.evaluating.diagnosis import diagnose_files
-    from app.report.schema.diagnosis import DiagnosisReport, DiagnosisResults
+    from app.report.schema.diagnosis import DiagnosisReport
 
     options: Json = {}
     if without or also:
@@ -32,7 +32,7 @@ def of_the_program(session: Path, without: tuple[str, ...], also: tuple[str, ...
             effect for effect in _catalogue(also) if effect.id not in without
         )
     diagnosis = diagnose_files([session], **options)
-    return DiagnosisReport.of(DiagnosisResults(diagnosis)).model_dump(mode="json")
+    return DiagnosisReport.of(diagnosis, None, None).model_dump(mode="json")
 
 
 def _catalogue(also: tuple[str, ...]) -> tuple[Any, ...]:

@@ -108,9 +108,9 @@ def machine_text(again: Again) -> str:
 def document_of(*sessions: Path) -> Json:
     """The public document of these sessions, diagnosed together."""
     from app.evaluating.diagnosis import diagnose_files
-    from app.report.schema.diagnosis import DiagnosisReport, DiagnosisResults
+    from app.report.schema.diagnosis import DiagnosisReport
 
-    return DiagnosisReport.of(DiagnosisResults(diagnose_files(sessions))).model_dump(mode="json")
+    return DiagnosisReport.of(diagnose_files(sessions), None, None).model_dump(mode="json")
 
 
 def trials(seed: int, target: int) -> tuple[list[Trial], int]:

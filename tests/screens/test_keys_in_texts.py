@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from app.report.text import diagnosis, hexaslide, history, home, result, session, what_if
+from app.report.text.help import help_of
 from app.report.text.tables import KEY_ID, keyed
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.interface import Glidecal, HelpDialog
@@ -59,7 +59,10 @@ def literals(path: Path) -> Iterator[tuple[int, str]]:
 @cache
 def texts_of(room: str) -> dict[str, list[tuple[int, str]]]:
     """Where they stand, by file; read where a test asks, for each process collects all tests."""
-    return {path.name: list(literals(path)) for path in sorted((ROOT / room).glob("*.py"))}
+    texts = {path.name: list(literals(path)) for path in sorted((ROOT / room).glob("*.py"))}
+    for path in (ROOT / room).glob("*.toml"):
+        texts[path.name] = list(enumerate(path.read_text(encoding="utf-8").splitlines(), start=1))
+    return texts
 
 
 @pytest.mark.parametrize("room", ROOMS)
@@ -96,20 +99,11 @@ def test_help_rows_stand_in_columns() -> None:
 
 
 @pytest.mark.parametrize(
-    "words",
-    [
-        result.RESULT_HELP,
-        diagnosis.DIAGNOSE_HELP,
-        what_if.WHAT_IF_HELP,
-        hexaslide.HEXASLIDE_HELP,
-        history.HISTORY_HELP,
-        session.MEASURE_HELP,
-        home.PREPARE_HELP,
-    ],
+    "screen", ["result", "diagnose", "what-if", "hexaslide", "history", "measure", "prepare"]
 )
-def test_every_row_of_help_has_its_key(words: str) -> None:
+def test_every_row_of_help_has_its_key(screen: str) -> None:
     known_keys()  # loads every screen
-    page = keyed(words, usual_key)
+    page = keyed(help_of(screen), usual_key)
     assert not KEY_ID.search(page)
     assert all(len(line) <= 76 for line in page.splitlines())
 

@@ -14,8 +14,8 @@ from textual.widgets import Input, Static
 from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.gauges import Gauge
 from app.measuring.plan import QUICK_INTERVAL_S
+from app.report.text.help import help_of
 from app.report.text.result import solution_text
-from app.report.text.session import MEASURE_HELP
 from app.report.text.tables import KEY_ID
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
@@ -296,7 +296,7 @@ async def test_words_name_the_keys_that_are_in_force(tmp_path: Path) -> None:
 
 def test_the_help_has_every_key_of_the_measuring_screen() -> None:
     ids = {b.id for b in MeasureScreen.BINDINGS if isinstance(b, Binding)}
-    assert ids == set(KEY_ID.findall(MEASURE_HELP))
+    assert ids == set(KEY_ID.findall(help_of("measure")))
 
 
 async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) -> None:

@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from rich.table import Table
 
 from app.evaluating.comparison import Verification
 from app.evaluating.diagnosis import SessionDiagnosis
 from app.evaluating.solution import SessionSolution
-from app.report.certificate import CertificateHead, CertifiedCalibration
+from app.report.certificate import CertifiedCalibration
 from app.report.charts import results as charts
 from app.report.charts.legs import LegFigure, leg_figures
 from app.report.charts.tripod import drawn_set_up
 from app.report.pages import figures
 from app.report.pages.notebook import leg_rows
 from app.report.pages.two_pages import (
+    CalibrationReport,
     Picture,
     Section,
+    calibration_report,
     celsius_words,
-    first_page,
     machine_table,
     result_parts,
     second_page,
 )
 from app.report.text.caveats import taken_word
 from app.report.text.correction import FRAME_WORDS, before_or_now, shown_value, value_parts
-from app.report.text.diagnosis import diagnosis_parts, shown_candidates
+from app.report.text.diagnosis import diagnosis_parts, headline, shown_candidates
 from app.report.text.model import effect_words
 from app.report.text.result import (
     DECISION_RULE,
@@ -49,34 +49,11 @@ from protocols.session import Reading, Session
 VIEW = "Parameters as the papers identify them"
 
 
-@dataclass(frozen=True)
-class CalibrationReport:
-    """Two pages to sign, and ``sections`` as their annex.
-
-    ``decision`` is that against the tolerance, or that there is none; ``identification`` stands on
-    every page. Without ``head`` nobody certifies it.
-    """
-
-    machine: str
-    decision: str
-    sentences: Sequence[str]
-    first_page: Sequence[Section]
-    second_page: Sequence[Section]
-    sections: Sequence[Section]
-    identification: str
-    head: CertificateHead | None = None
-
-    @property
-    def title(self) -> str:
-        """Title of the document."""
-        return f"Calibration {'certificate' if self.head else 'report'}: {self.machine}"
-
-
 def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
     """The report of results that are there."""
     result, verified = calibration.result, calibration.verification
     diagnosis = calibration.diagnosed.diagnosis
-    has_view, limits = result.view_solution is not None, calibration.limits
+    has_view = result.view_solution is not None
     legs = leg_figures(result) if has_view else ()
     sections = [
         Section(
@@ -91,31 +68,26 @@ def report_from(calibration: CertifiedCalibration) -> CalibrationReport:
         _view(result),
         *([_budget(result)] if has_view else []),
         *([_again(verified)] if verified else []),
-        *([Section("What limits this result", limits)] if limits else []),
+        Section("What limits this result", calibration.limits),
         _missing(calibration.diagnosed, entered=calibration.verification is not None),
         *([_fit(result), _legs(legs)] if has_view else []),
         _doubted(result, calibration.sessions),
         *map(_readings, calibration.sessions),
     ]
-    return CalibrationReport(
-        machine=calibration.machine.name,
+    return calibration_report(
+        calibration,
+        calibration.machine.name,
         decision=calibration.decision,
         sentences=(
             bound_sentence(
                 result.entered, result.frame, calibration.tolerance_mm, entered=verified is not None
             ),
-            f"{diagnosis.verdict.upper()}. {diagnosis.sentence}",
+            headline(diagnosis),
         ),
-        first_page=first_page(
-            calibration,
-            calibration.machine.name,
-            [(f"{taken_word(result)}s that count", [f"{sum(calibration.counted.values())}"])],
-            result_parts(calibration),
-        ),
+        facts=[(f"{taken_word(result)}s that count", [f"{sum(calibration.counted.values())}"])],
+        result=result_parts(calibration),
         second_page=second_page(calibration, legs),
-        sections=sections,
-        identification=calibration.identification,
-        head=calibration.head,
+        annex=sections,
     )
 
 

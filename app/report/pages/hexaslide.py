@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.table import Table
 
 from app.evaluating.hexaslide import PostureResult
 from app.report.certificate import NOT_JUDGED, CertificateHead
 from app.report.charts.hexaslide import drawn_machine, residual_charts
+from app.report.dcc.hexaslide import results_of
 from app.report.hexaslide_certificate import CertifiedPostures, certified_postures, machine_numbers
-from app.report.pages.contents import CalibrationReport
 from app.report.pages.figures import drawings_svg, svg_of
 from app.report.pages.report import ReportSource
 from app.report.pages.two_pages import (
     LONGEST_OF_POSTURES,
+    CalibrationReport,
     Fact,
     Picture,
     Section,
-    first_page,
+    calibration_report,
     machine_table,
     not_verified_words,
     shortened_limits,
@@ -41,9 +42,6 @@ from app.report.text.tables import new_table, signed
 from calib.hexaslide.procedures import COMPONENTS
 from protocols.hexaslide import HexaSlideMachine
 from protocols.hexaslide_session import PostureSession
-
-if TYPE_CHECKING:  # of a digital certificate alone
-    from app.report.dcc.document import Result
 
 RULE = (
     "Pass: the error of the platform and its 95 % bound together are within the tolerance, and no "
@@ -72,13 +70,7 @@ def source_of_postures(
     The ``result`` of the session may be there already. Raises as `certified_postures`.
     """
     certified = certified_postures(path, later_path, tolerance_mm, head, result)
-
-    def results() -> Iterable[Result]:
-        from app.report.dcc.hexaslide import results_of
-
-        return results_of(certified)
-
-    return ReportSource(certified, lambda: report_page(certified), results)
+    return ReportSource(certified, partial(report_page, certified), partial(results_of, certified))
 
 
 def report_page(certified: CertifiedPostures) -> CalibrationReport:
@@ -96,22 +88,19 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
         ("machine file", dict.fromkeys(start.machine_file for start in opened)),
         ("measured with", dict.fromkeys(start.program for start in opened)),
     ]
-    return CalibrationReport(
-        machine=machine.full_name,
+    return calibration_report(
+        certified,
+        machine.full_name,
         decision=_decision(certified),
         sentences=(_at_most(document, entered=entered), verdict_line(result)),
-        first_page=first_page(
-            certified,
-            machine.full_name,
-            facts,
-            [_errors(document, entered=entered), RULE, enter, *_moved(certified)],
-        ),
+        facts=facts,
+        result=[_errors(document, entered=entered), RULE, enter, *_moved(certified)],
         second_page=[
             Section("Entered and verified", _verified(certified)),
             Section("What is left at each posture", pictures),
             Section("Limits of this result", shortened_limits(limits, LONGEST_OF_POSTURES)),
         ],
-        sections=[
+        annex=[
             Section("What was measured", [_machine(certified), _drawn(machine)]),
             Section("What to enter in the controller", [enter, _values(certified)]),
             Section("Parameters", parameter_parts(document, calibration.fit.factor)),
@@ -123,8 +112,6 @@ def report_page(certified: CertifiedPostures) -> CalibrationReport:
             ),
             *map(_readings, certified.sessions),
         ],
-        identification=certified.identification,
-        head=certified.head,
     )
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime
 
 from rich.table import Table
@@ -13,7 +12,7 @@ from app.evaluating.posture_history import PostureHistory
 from app.report.charts.history import control_charts, platform_chart
 from app.report.charts.legs import LegFigure
 from app.report.pages.figures import legs_svg, svg_of
-from app.report.pages.two_pages import Picture, Section
+from app.report.pages.two_pages import Picture, PrintedPage, Section
 from app.report.text import history as texts
 
 CAPTION = (
@@ -30,33 +29,15 @@ PLATFORM_CAPTION = (
 )
 
 
-@dataclass(frozen=True)
-class HistoryPage:
-    """Sentences on files that cannot be used, and a section for each machine of a folder."""
-
-    folder: str
-    sentences: Sequence[str]
-    sections: Sequence[Section]
-
-    @property
-    def title(self) -> str:
-        """Title of the page."""
-        return f"History: {self.folder}"
-
-    @property
-    def identification(self) -> str:
-        """Identification on each printed page."""
-        return self.title
-
-
-def history_page(history: History, now: datetime) -> HistoryPage:
+def history_page(history: History, now: datetime) -> PrintedPage:
     """Files that cannot be used first, a table of several machines, a section for each."""
-    several = len(history.all_machines) > 1
-    return HistoryPage(
-        folder=history.folder.absolute().name,
+    several, title = len(history.all_machines) > 1, f"History: {history.folder.absolute().name}"
+    return PrintedPage(
+        title=title,
+        identification=title,
         sentences=[*texts.waiting_sentences(history), *(text for _, text in history.problems)],
         sections=[
-            *([Section("Machines", [texts.machines_table(history)])] if several else []),
+            Section("Machines", [texts.machines_table(history)] if several else []),
             *(_section(past, now) for past in history.all_machines),
         ],
     )

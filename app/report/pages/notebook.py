@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from app.evaluating.solution import SessionSolution
 from app.report.charts.characters import legs_text
 from app.report.charts.legs import LegFigure, leg_figures
+from calib.errors import check_number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +45,11 @@ class SessionFigures:
         return "\n".join(f"<div>{svg[svg.index('<svg') :]}</div>" for svg in pictures)
 
     def draw(self, number: int, above: Axes, below: Axes) -> None:
-        """One of the pictures on two axes: readings, and what is left of them."""
+        """One of the pictures on two axes: readings, and what is left of them.
+
+        They are numbered from 0; raises UsageError for another number.
+        """
+        check_number("number of a picture", number, 0, len(self.legs) - 1)
         from app.report.pages.figures import draw_leg
 
         draw_leg(self.legs[number], above, below)

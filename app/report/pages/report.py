@@ -6,7 +6,7 @@ import os
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,16 +16,16 @@ from rich.table import Column, Table
 
 from app.evaluating.comparison import reported_pair
 from app.report.certificate import CertificateHead, Certified, calibration_of, issue_number
-from app.report.pages.contents import CalibrationReport, report_from
-from app.report.pages.history import HistoryPage
-from app.report.pages.two_pages import shortened
+from app.report.dcc.document import Result, certificate_xml, check_head
+from app.report.dcc.legs import results_of
+from app.report.pages.contents import report_from
+from app.report.pages.two_pages import CalibrationReport, PrintedPage, shortened
 from app.version import program
 from calib.errors import UsageError
 from calib.printable import printable
 from protocols.files import check_targets, write_files
 
-if TYPE_CHECKING:  # of a digital certificate alone, and of the extra sign
-    from app.report.dcc.document import Result
+if TYPE_CHECKING:  # of the extra sign
     from app.report.dcc.signature import SigningKey
 
 ENDINGS = (".html", ".pdf", ".xml")
@@ -48,7 +48,7 @@ HEADING_LETTERS, BOLD = 14, 1.15
 """A longer heading takes two lines; a bold letter is so much wider."""
 
 
-def html_of(page: CalibrationReport | HistoryPage) -> str:
+def html_of(page: PrintedPage) -> str:
     """One page without a script or anything from elsewhere; texts of strangers are inert."""
     name = "report.html" if isinstance(page, CalibrationReport) else "history.html"
     return _environment().get_template(name).render(page=page)
@@ -175,13 +175,9 @@ def source_of_legs(
     calibration = calibration_of(
         sessions, model=model, later_path=later_path, tolerance_mm=tolerance_mm, head=head
     )
-
-    def results() -> Iterable[Result]:
-        from app.report.dcc.legs import results_of
-
-        return results_of(calibration)
-
-    return ReportSource(calibration, lambda: report_from(calibration), results)
+    return ReportSource(
+        calibration, partial(report_from, calibration), partial(results_of, calibration)
+    )
 
 
 def write_report(
@@ -198,11 +194,11 @@ def write_report(
     Raises UsageError for another ending, and as ``source``, `issue_number`, `check_head` and
     `write_files`.
     """
-    check_output(output, replace=replace)
+    if output.suffix not in ENDINGS:
+        raise UsageError("--output", f"{output}", f"a path that ends with {', '.join(ENDINGS)}")
+    check_targets([output], replace=replace)  # before long work
     digital = output.suffix == ".xml"
     if digital:
-        from app.report.dcc.document import certificate_xml, check_head
-
         check_head(head)
     report = source()
     certified = report.certified
@@ -218,12 +214,3 @@ def write_report(
 
             content = signed(content, key)
     return write_files(output, {"": content}, replace=replace)[0]
-
-
-def check_output(output: Path, *, replace: bool) -> None:
-    """Check the target before long work. Raises UsageError for another ending, and as
-    `check_targets`.
-    """
-    if output.suffix not in ENDINGS:
-        raise UsageError("--output", f"{output}", f"a path that ends with {', '.join(ENDINGS)}")
-    check_targets([output], replace=replace)

@@ -52,25 +52,71 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with what stands below it, in this order; an empty sentence is left out."""
+    """A heading with what stands below it, in this order; what is empty is left out."""
 
     heading: str
     parts: Sequence[str | Table | Picture]
 
 
-def first_page(
-    certified: Certified, name: str, facts: Iterable[Fact], result: Sequence[str | Table]
-) -> list[Section]:
-    """What was calibrated for whom, how and with what, and the result."""
-    table = _object(certified, name, facts)
+@dataclass(frozen=True)
+class PrintedPage:
+    """A document of sections; ``sentences`` are first, ``identification`` is on every sheet."""
+
+    title: str
+    identification: str
+    sentences: Sequence[str]
+    sections: Sequence[Section]
+
+
+@dataclass(frozen=True)
+class CalibrationReport(PrintedPage):
+    """Two pages to sign, and the sections as their annex.
+
+    ``decision`` is that against the tolerance, or that there is none. Without ``head`` nobody
+    certifies it.
+    """
+
+    decision: str
+    first_page: Sequence[Section]
+    second_page: Sequence[Section]
+    head: CertificateHead | None
+
+
+def calibration_report(
+    certified: Certified,
+    machine: str,
+    *,
+    decision: str,
+    sentences: Sequence[str],
+    facts: Iterable[Fact],
+    result: Sequence[str | Table],
+    second_page: Sequence[Section],
+    annex: Sequence[Section],
+) -> CalibrationReport:
+    """The report on a ``machine``, whichever kind it is, with ``facts`` on how it was measured.
+
+    Its first page says what was calibrated for whom, how and with what, and the result.
+    """
     lines = [certified.traceability]
     if certified.attached:
         lines.append(shortened(certified.attached, LONGEST_OF_POSTURES))
-    return [
-        Section("", [table, SIMULATED if certified.simulated else ""]),
-        Section("Traceability", [*_instruments(certified), *lines]),
-        Section("Result", result),
-    ]
+    return CalibrationReport(
+        title=f"Calibration {'certificate' if certified.head else 'report'}: {machine}",
+        identification=certified.identification,
+        sentences=sentences,
+        sections=annex,
+        decision=decision,
+        first_page=[
+            Section(
+                "",
+                [_object(certified, machine, facts), SIMULATED if certified.simulated else ""],
+            ),
+            Section("Traceability", [*_instruments(certified), *lines]),
+            Section("Result", result),
+        ],
+        second_page=second_page,
+        head=certified.head,
+    )
 
 
 def _object(certified: Certified, name: str, facts: Iterable[Fact]) -> Table:
@@ -104,11 +150,10 @@ def second_page(calibration: CertifiedCalibration, legs: Sequence[LegFigure]) ->
     )
     if len(legs) > MOST_LEGS:
         caption += f" {len(legs) - MOST_LEGS} more are in the annex."
-    sheet = [Picture(leg_sheet_svg(legs[:MOST_LEGS]), caption)] if legs else []
     return [
         Section("Entered and verified", _verified(calibration)),
         Section("Uncertainty", [UNCERTAINTY]),
-        *([Section(heading, sheet)] if sheet else []),
+        Section(heading, [Picture(leg_sheet_svg(legs[:MOST_LEGS]), caption)] if legs else []),
         Section("Limits of this result", shortened_limits(calibration.limits)),
     ]
 

@@ -46,23 +46,23 @@ class AlignmentReport(Report):
     of = Source[str, RailAlignment]()
     schema_id: Literal["glidecal.alignment/1"] = schema("glidecal.alignment/1")
     session: str = of(lambda session, _: session)
-    reference: str = of(lambda _, r: r.reference, "the rail that stays")
+    reference: str = of(lambda _, r: r.reference)
+    """the rail that stays"""
     squareness_mrad: tuple[FigureEntry, ...] = of(
-        lambda _, r: _figures(PAIRS, r.alignment.lean_mrad, r.alignment.expanded[:3]),
-        "positive: less than a right angle",
+        lambda _, r: _figures(PAIRS, r.alignment.lean_mrad, r.alignment.expanded[:3])
     )
+    """positive: less than a right angle"""
     distance_mm: tuple[FigureEntry, ...] = of(
-        lambda _, r: _figures(AROUND, r.alignment.distance_mm, r.alignment.expanded[3:]),
-        "the first lies so much further along the third axis",
+        lambda _, r: _figures(AROUND, r.alignment.distance_mm, r.alignment.expanded[3:])
     )
-    moves: tuple[MoveEntry, ...] = of(
-        lambda _, r: tuple(map(MoveEntry.of, r.shims)),
-        "to square, or to where the machine file has drives that are not meant to be",
-    )
-    left_mm: float = of(lambda _, r: r.alignment.left_mm, "r.m.s. that the fit leaves")
-    noise_mm: float = of(lambda _, r: r.alignment.noise_mm, "of a reading")
-    chance: float = of(
-        lambda _, r: r.alignment.chance,
-        "probability that noise alone leaves so much; below 0.001 something else acts, and the "
-        "uncertainties leave it out",
-    )
+    """the first lies so much further along the third axis"""
+    moves: tuple[MoveEntry, ...] = of(lambda _, r: tuple(map(MoveEntry.of, r.shims)))
+    """to square, or to where the machine file has drives that are not meant to be"""
+    left_mm: float = of(lambda _, r: r.alignment.left_mm)
+    """r.m.s. that the fit leaves"""
+    noise_mm: float = of(lambda _, r: r.alignment.noise_mm)
+    """of a reading"""
+    chance: float = of(lambda _, r: r.alignment.chance)
+    """probability that noise alone leaves so much; below 0.001 something else acts, and the
+    uncertainties leave it out
+    """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import starmap
 from typing import Literal
 
@@ -12,7 +11,6 @@ from calib.diagnosis.results import (
     AliasMap,
     Contender,
     Detectable,
-    Diagnosis,
     EffectName,
     Finding,
     Gap,
@@ -34,13 +32,13 @@ class GapNoise(Report):
 
     of = Source[SessionDiagnosis]()
     standard_deviation_mm: float | None = of(
-        lambda r: r.noise.standard_deviation_mm if r.noise else None,
-        "null: repeats tell none and none is stated, so no p-value means anything",
+        lambda r: r.noise.standard_deviation_mm if r.noise else None
     )
+    """null: repeats tell none and none is stated, so no p-value means anything"""
     degrees_of_freedom: float | None = of(
-        lambda r: finite(r.noise.degrees_of_freedom) if r.noise else 0.0,
-        "null: stated, taken as known",
+        lambda r: finite(r.noise.degrees_of_freedom) if r.noise else 0.0
     )
+    """null: stated, taken as known"""
     source: str = of(lambda r: r.noise.source if r.noise else "residuals")
 
 
@@ -50,16 +48,17 @@ class SeparationEntry(Report):
     of = Source[Separation]()
     words: str = of(lambda r: r.words)
     names: tuple[tuple[EffectName, ...], ...] = of(
-        lambda r: tuple(tuple(starmap(EffectName, name)) for name in r.names),
-        "what is true together; none: no effect",
+        lambda r: tuple(tuple(starmap(EffectName, name)) for name in r.names)
     )
-    apart: float = of(lambda r: r.apart, "noise variances between the two nearest")
-    protocol: str = of(lambda r: r.candidate.text, "a procedure file, or the name of one")
-    entered_mm: tuple[float, float, float] = of(
-        lambda r: r.candidate.preparation.entered_mm,
-        "to be added to the entered joint offsets before",
-    )
-    load: float = of(lambda r: r.candidate.preparation.load, "times the tool's weight")
+    """what is true together; none: no effect"""
+    apart: float = of(lambda r: r.apart)
+    """noise variances between the two nearest"""
+    protocol: str = of(lambda r: r.candidate.text)
+    """a procedure file, or the name of one"""
+    entered_mm: tuple[float, float, float] = of(lambda r: r.candidate.preparation.entered_mm)
+    """to be added to the entered joint offsets before"""
+    load: float = of(lambda r: r.candidate.preparation.load)
+    """times the tool's weight"""
 
 
 class ToolEntry(Report):
@@ -67,75 +66,54 @@ class ToolEntry(Report):
 
     of = Source[DiagnosedTool]()
     frame: Frame = of(lambda r: r.frame)
-    now_mm: float = of(lambda r: r.now_mm, "with the present values of the controller")
-    entered_mm: dict[Holds, float] = of(
-        lambda r: r.entered_mm, "with all values that a controller can take entered"
-    )
-    firmware_mm: float | None = of(
-        lambda r: r.firmware_mm, "of a printer: with all values of its firmware entered", asked=True
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class DiagnosisResults:
-    """A diagnosis, and what was asked for beyond it."""
-
-    diagnosed: SessionDiagnosis
-    reach: Reach | None = None
-    adopted: AdoptedTool | None = None
-
-    @property
-    def diagnosis(self) -> Diagnosis:
-        """Diagnosis of the sessions."""
-        return self.diagnosed.diagnosis
+    now_mm: float = of(lambda r: r.now_mm)
+    """with the present values of the controller"""
+    entered_mm: dict[Holds, float] = of(lambda r: r.entered_mm)
+    """with all values that a controller can take entered"""
+    firmware_mm: float | None = of(lambda r: r.firmware_mm, asked=True)
+    """of a printer: with all values of its firmware entered"""
 
 
 class DiagnosisReport(Report):
     """``diagnose --json``: what is missing in the model."""
 
-    of = Source[DiagnosisResults]()
+    of = Source[SessionDiagnosis, Reach | None, AdoptedTool | None]()
     schema_id: Literal["glidecal.diagnosis/2"] = schema("glidecal.diagnosis/2")
-    sessions: tuple[str, ...] = of(lambda r: r.diagnosed.names)
-    held_out: tuple[str, ...] = of(lambda r: r.diagnosed.held_out)
-    noise: GapNoise = of(lambda r: GapNoise.of(r.diagnosed))
-    verdict: Verdict = of(lambda r: r.diagnosis.verdict)
-    sentence: str = of(lambda r: r.diagnosis.sentence)
-    missing: float = of(lambda r: r.diagnosis.missing, "probability that anything is missing")
-    something_else: float = of(
-        lambda r: r.diagnosis.something_else, "probability that something without a name acts"
-    )
-    names: tuple[LikelyName, ...] = of(
-        lambda r: r.diagnosis.names, "what may act anywhere, the likeliest first"
-    )
-    gap_before: Gap = of(lambda r: r.diagnosis.gap_before)
-    gap_after: Gap = of(lambda r: r.diagnosis.gap_after)
-    held_out_gap: HeldOutGap | None = of(lambda r: r.diagnosis.held_out)
-    where: tuple[GapPart, ...] = of(lambda r: r.diagnosis.where)
-    effects: tuple[Finding, ...] = of(
-        lambda r: r.diagnosis.effects, "in the order adopted; empty where nothing may be claimed"
-    )
-    candidates: tuple[Contender, ...] = of(lambda r: r.diagnosis.candidates)
+    sessions: tuple[str, ...] = of(lambda r, *_: r.names)
+    held_out: tuple[str, ...] = of(lambda r, *_: r.held_out)
+    noise: GapNoise = of(lambda r, *_: GapNoise.of(r))
+    verdict: Verdict = of(lambda r, *_: r.diagnosis.verdict)
+    sentence: str = of(lambda r, *_: r.diagnosis.sentence)
+    missing: float = of(lambda r, *_: r.diagnosis.missing)
+    """probability that anything is missing"""
+    something_else: float = of(lambda r, *_: r.diagnosis.something_else)
+    """probability that something without a name acts"""
+    names: tuple[LikelyName, ...] = of(lambda r, *_: r.diagnosis.names)
+    """what may act anywhere, the likeliest first"""
+    gap_before: Gap = of(lambda r, *_: r.diagnosis.gap_before)
+    gap_after: Gap = of(lambda r, *_: r.diagnosis.gap_after)
+    held_out_gap: HeldOutGap | None = of(lambda r, *_: r.diagnosis.held_out)
+    where: tuple[GapPart, ...] = of(lambda r, *_: r.diagnosis.where)
+    effects: tuple[Finding, ...] = of(lambda r, *_: r.diagnosis.effects)
+    """in the order adopted; empty where nothing may be claimed"""
+    candidates: tuple[Contender, ...] = of(lambda r, *_: r.diagnosis.candidates)
     next_measurement: SeparationEntry | None = of(
-        lambda r: maybe(SeparationEntry.of, r.diagnosed.separation)
+        lambda r, *_: maybe(SeparationEntry.of, r.separation)
     )
-    smallest_detectable: tuple[Detectable, ...] = of(lambda r: r.diagnosis.smallest_detectable)
-    tool: ToolEntry = of(lambda r: ToolEntry.of(r.diagnosed.tool))
+    smallest_detectable: tuple[Detectable, ...] = of(lambda r, *_: r.diagnosis.smallest_detectable)
+    tool: ToolEntry = of(lambda r, *_: ToolEntry.of(r.tool))
     tool_adopted: ToolEntry | None = of(
-        lambda r: ToolEntry.of(r.adopted.tool) if r.adopted else None,
-        "with --adopt: if the adopted names are true",
-        asked=True,
+        lambda _r, _, adopted: ToolEntry.of(adopted.tool) if adopted else None, asked=True
     )
+    """with --adopt: if the adopted names are true"""
     further: tuple[FurtherSetUp, ...] | None = of(
-        lambda r: r.reach.further if r.reach else None,
-        "with --next: set-ups in turn, each with the bound after it",
-        asked=True,
+        lambda _r, reach, _: reach.further if reach else None, asked=True
     )
-    left_over: ModelDiscrepancy | None = of(lambda r: r.diagnosis.left_over)
-    pattern: SharedPattern | None = of(
-        lambda r: r.diagnosis.pattern,
-        "of several sessions: how alike is what is left of each; numbered from 0, held-out last",
-    )
-    remarks: tuple[str, ...] = of(lambda r: r.diagnosis.remarks)
+    """with --next: set-ups in turn, each with the bound after it"""
+    left_over: ModelDiscrepancy | None = of(lambda r, *_: r.diagnosis.left_over)
+    pattern: SharedPattern | None = of(lambda r, *_: r.diagnosis.pattern)
+    """of several sessions: how alike is what is left of each; numbered from 0, held-out last"""
+    remarks: tuple[str, ...] = of(lambda r, *_: r.diagnosis.remarks)
 
 
 class AliasReport(Report):

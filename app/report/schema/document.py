@@ -40,18 +40,15 @@ class ReadOff:
 class Source(Generic[*R]):
     """What a document, or a part of one, is read off: its class begins with ``of = Source[…]()``.
 
-    A field is ``key: type = of(lambda result: result.value, words)``; the words go into the schema.
-    ``Part.of(result)`` is the part; one of several results is read off all of them, in their order.
-    A type checker sees all of it.
+    A field is ``key: type = of(lambda result: result.value)``; a docstring below it goes into the
+    schema. ``Part.of(result)`` is the part; one of several results is read off all of them, in
+    their order. A type checker sees all of it.
     """
 
-    def __call__(
-        self, getter: Callable[[*R], V], words: str | None = None, *, asked: bool = False
-    ) -> V:
+    def __call__(self, getter: Callable[[*R], V], *, asked: bool = False) -> V:
         """A field and how its value is read; one that is ``asked`` for is no key while None."""
         more = LEFT_OUT if asked else {}
-        field = Field(description=words, json_schema_extra=ReadOff(getter), **more)
-        return cast("V", field)
+        return cast("V", Field(json_schema_extra=ReadOff(getter), **more))
 
     def __get__(self, part: object, kind: type[D]) -> Callable[[*R], D]:
         return kind.read_off
@@ -94,11 +91,6 @@ def maybe(part: Callable[[S], V], result: S | None) -> V | None:
 def by_name(names: Iterable[str], values: FloatArray) -> dict[str, float]:
     """Values ``(n,)`` by their names."""
     return dict(zip(names, values.tolist(), strict=True))
-
-
-def numbers(values: FloatArray | None) -> list[float] | None:
-    """Values ``(n,)``; None where there are none."""
-    return None if values is None else values.tolist()
 
 
 def finite(value: float) -> float | None:

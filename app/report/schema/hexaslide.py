@@ -36,12 +36,14 @@ class ForwardDifferences(Report):
     step_m: float = DIFFERENCE_STEP
     postures: int = of(lambda r: r.posture_count)
     row_count: int = of(lambda r: r.row_count)
-    rank: int = of(lambda r: r.counted, "rank by the rule")
+    rank: int = of(lambda r: r.counted)
+    """rank by the rule"""
     true_rank: int = of(lambda r: r.rank)
     decided_by: Literal["geometry", "rows", "parameters", "postures"] = of(lambda r: r.decided_by)
     tolerance: float = of(lambda r: r.qr.tolerance)
     flagged: tuple[str, ...] = of(lambda r: r.qr.flagged)
-    errors_in_tolerances: tuple[float, float] | None = of(lambda r: r.errors, "least and largest")
+    errors_in_tolerances: tuple[float, float] | None = of(lambda r: r.errors)
+    """least and largest"""
 
 
 @dataclass(frozen=True)
@@ -70,14 +72,14 @@ class HexaSlideIdentifiabilityReport(SeenReport):
         )
     )
     classical_qr: PaperRules = of(lambda _, view: rules_of(view))
-    reachable_rank: int | None = of(lambda r, _: r.examined.reachable_rank, "with postures enough")
-    condition_numbers: dict[str, float] = of(
-        lambda _, view: view.conditions, "by units, and without"
-    )
+    reachable_rank: int | None = of(lambda r, _: r.examined.reachable_rank)
+    """with postures enough"""
+    condition_numbers: dict[str, float] = of(lambda _, view: view.conditions)
+    """by units, and without"""
     parameter_units: dict[str, str] = of(
-        lambda r, _: {name: unit_of(name) for name in r.identifiability.names},
-        "of rails' components m/m",
+        lambda r, _: {name: unit_of(name) for name in r.identifiability.names}
     )
+    """of rails' components m/m"""
 
 
 class HexaSlidePosturesReport(Report):
@@ -92,22 +94,27 @@ class HexaSlidePosturesReport(Report):
     criterion: Criterion = of(lambda r: r.search.criterion)
     value: float = of(lambda r: r.refined.value)
     start_value: float = of(lambda r: r.refined.start_value)
-    rank: int = of(lambda r: r.rank, "combinations that are judged")
-    reachable_rank: int = of(lambda r: r.reachable_rank, "those that more postures may show")
+    rank: int = of(lambda r: r.rank)
+    """combinations that are judged"""
+    reachable_rank: int = of(lambda r: r.reachable_rank)
+    """those that more postures may show"""
     condition_number: float = of(lambda r: r.condition_number)
     start_condition_number: float = of(lambda r: r.start_condition_number)
     published_criteria: Observability = of(lambda r: r.criteria)
     start_published_criteria: Observability = of(lambda r: r.start)
     units: str = of(lambda r: r.units)
-    space: Literal["box", "joints", "link"] = of(lambda r: r.space, "where the search moved")
+    space: Literal["box", "joints", "link"] = of(lambda r: r.space)
+    """where the search moved"""
     postures: tuple[dict[str, float], ...] = of(lambda r: r.postures)
     coordinates_on_bound: int = of(lambda r: r.refined.on_bound)
     start_coordinates_on_bound: int = of(lambda r: r.start_on_bound)
-    source: str = of(lambda r: r.search.source, "of the first start")
+    source: str = of(lambda r: r.search.source)
+    """of the first start"""
     seconds: float = of(lambda r: r.seconds)
     starts: int = of(lambda r: len(r.values))
     values_of_starts: tuple[float, ...] = of(lambda r: r.values)
-    asked_starts: int = of(lambda r: r.search.starts, "more than starts: it was stopped")
+    asked_starts: int = of(lambda r: r.search.starts)
+    """more than starts: it was stopped"""
     seed: int = of(lambda r: r.search.seed)
 
 
@@ -132,7 +139,8 @@ class PosturesUsed(Report):
     fitted: int = of(lambda r: len(r.numbers))
     held_out: tuple[int, ...] = of(lambda r: r.held_out.numbers if r.held_out else ())
     fewest: int = of(lambda r: r.fewest)
-    left_out: tuple[int, ...] = of(lambda r: r.left_out, "named as mistakes by the diagnosis")
+    left_out: tuple[int, ...] = of(lambda r: r.left_out)
+    """named as mistakes by the diagnosis"""
 
 
 @dataclass(frozen=True)
@@ -248,9 +256,9 @@ class ResidualReport(Report):
         lambda r: tuple(map(PostureResidual, r.numbers, r.by_posture.tolist()))
     )
     effects: tuple[str, ...] = of(
-        lambda r: tuple(f"{effect.id}:{effect.where}" for effect in r.adopted),
-        "of --model, in what is fitted",
+        lambda r: tuple(f"{effect.id}:{effect.where}" for effect in r.adopted)
     )
+    """of --model, in what is fitted"""
     remark: str = "glidecal diagnose looks for what the parameters do not have."
 
 
@@ -291,16 +299,15 @@ class PlatformReport(Report):
     """The platform's places over the box, frames laid over: off by now, and with the result."""
 
     of = Source[PlatformError]()
-    now_rms_mm: float = of(lambda r: 1000.0 * r.now.places_rms_m, "off with the machine file")
+    now_rms_mm: float = of(lambda r: 1000.0 * r.now.places_rms_m)
+    """off with the machine file"""
     now_worst_mm: float = of(lambda r: 1000.0 * r.now.places_worst_m)
-    bound_rms_mm: float | None = of(
-        lambda r: None if r.bound_m is None else 1000.0 * r.bound_m,
-        "off at most with the calibrated machine, 95 %; null where not known",
-    )
-    left_open: int = of(lambda r: r.left_open, "lost combinations other than motions of frames")
-    in_frame_of_tracker: bool = of(
-        lambda r: r.in_frame_of_tracker, "aligned by a shift and a turn of what was measured"
-    )
+    bound_rms_mm: float | None = of(lambda r: None if r.bound_m is None else 1000.0 * r.bound_m)
+    """off at most with the calibrated machine, 95 %; null where not known"""
+    left_open: int = of(lambda r: r.left_open)
+    """lost combinations other than motions of frames"""
+    in_frame_of_tracker: bool = of(lambda r: r.in_frame_of_tracker)
+    """aligned by a shift and a turn of what was measured"""
 
 
 class HexaSlideVerificationReport(Report):
@@ -316,7 +323,8 @@ class HexaSlideVerificationReport(Report):
     platform_after: PlatformReport = of(lambda r: PlatformReport.of(r.after.platform))
     tolerance_mm: float | None = of(lambda r: r.tolerance_mm)
     decision: Literal["pass", "fail", "undecided"] | None = of(lambda r: r.decision)
-    same_machine_file: bool = of(lambda r: r.same_machine, "nothing was entered")
+    same_machine_file: bool = of(lambda r: r.same_machine)
+    """nothing was entered"""
     remarks: tuple[str, ...] = of(lambda r: r.remarks)
     lost_motions: tuple[str, ...] = of(lambda r: r.after.fit.unidentifiable)
 
@@ -351,10 +359,10 @@ class HexaSlideCalibrationReport(Report):
     lost_motions: tuple[str, ...] = of(lambda r: r.fit.unidentifiable)
     lost_count: int = of(lambda r: r.fit.unidentifiable_count)
     platform: PlatformReport = of(lambda r: PlatformReport.of(r.platform))
-    inner_lengths: dict[str, InnerLength] = of(
-        _inner, "26 that no frame changes, of the machine; `parameters` has what to enter"
-    )
+    inner_lengths: dict[str, InnerLength] = of(_inner)
+    """26 that no frame changes, of the machine; `parameters` has what to enter"""
     residuals: ResidualReport = of(ResidualReport.of)
-    sizes: tuple[CauseSize, ...] = of(lambda r: r.sizes, "of effects of --model, fitted again")
+    sizes: tuple[CauseSize, ...] = of(lambda r: r.sizes)
+    """of effects of --model, fitted again"""
     held_out: HeldOutReport | None = of(lambda r: maybe(HeldOutReport.of, r.held_out))
     truth: TruthReport | None = of(lambda r: maybe(TruthReport.of, r.truth))

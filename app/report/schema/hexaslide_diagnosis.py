@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 from app.evaluating.hexaslide import ComparedSession, ComparedSessions
 from app.evaluating.hexaslide_adoption import Adoption, DiagnosedPostures
@@ -12,6 +12,7 @@ from app.report.schema.hexaslide import INNER_NAMES, PlatformReport
 from calib.hexaslide.causes import AdoptedEffect
 from calib.hexaslide.comparison import MachinesApart
 from calib.hexaslide.diagnosis import CauseSize, HexaSlideClaim, LeftOutGap
+from calib.quantity import Quantity
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,10 @@ class AdoptedEntry(Report):
     of = Source[AdoptedEffect]()
     id: str = of(lambda r: r.id)
     where: str = of(lambda r: r.where)
-    values: tuple[float, ...] = of(lambda r: r.values, "as in the model file")
-    standard_uncertainties: tuple[float, ...] = of(lambda r: r.deviations, "none: held")
+    values: tuple[float, ...] = of(lambda r: r.values)
+    """as in the model file"""
+    standard_uncertainties: tuple[float, ...] = of(lambda r: r.deviations)
+    """none: held"""
 
 
 class AdoptionReport(Report):
@@ -47,16 +50,15 @@ class AdoptionReport(Report):
 
     of = Source[Adoption]()
     effects: tuple[AdoptedEntry, ...] = of(lambda r: tuple(map(AdoptedEntry.of, r.effects)))
-    platform_before: PlatformReport = of(
-        lambda r: PlatformReport.of(r.platform_before), "over all models"
-    )
+    platform_before: PlatformReport = of(lambda r: PlatformReport.of(r.platform_before))
+    """over all models"""
     platform: PlatformReport = of(lambda r: PlatformReport.of(r.platform))
-    mean_square_before: float = of(lambda r: r.gap_before, "in variances of the stated noise")
+    mean_square_before: float = of(lambda r: r.gap_before)
+    """in variances of the stated noise"""
     mean_square_after: float = of(lambda r: r.gap_after)
     p_value_after: float = of(lambda r: r.p_after)
-    left_out: LeftOutGap | None = of(
-        lambda r: r.left_out, "a fifth of the postures left out at a time; null: too few"
-    )
+    left_out: LeftOutGap | None = of(lambda r: r.left_out)
+    """a fifth of the postures left out at a time; null: too few"""
 
 
 class HexaSlideDiagnosisReport(Report):
@@ -72,38 +74,38 @@ class HexaSlideDiagnosisReport(Report):
         lambda r, _: tuple(map(MissingTogether.of, r.diagnosis.named))
     )
     claims: tuple[MissingTogether, ...] = of(
-        lambda r, _: tuple(map(MissingTogether.of, r.diagnosis.claims)), "99 % of all weight"
+        lambda r, _: tuple(map(MissingTogether.of, r.diagnosis.claims))
     )
+    """99 % of all weight"""
     sizes: tuple[CauseSize, ...] = of(lambda r, _: r.diagnosis.sizes)
-    platform_rms_mm: float = of(
-        lambda r, _: 1000.0 * r.diagnosis.platform_m, "that no parameter takes over"
-    )
-    mean_square_before: float = of(
-        lambda r, _: r.diagnosis.gap_before, "in variances of the stated noise"
-    )
+    platform_rms_mm: float = of(lambda r, _: 1000.0 * r.diagnosis.platform_m)
+    """that no parameter takes over"""
+    mean_square_before: float = of(lambda r, _: r.diagnosis.gap_before)
+    """in variances of the stated noise"""
     p_value_before: float = of(lambda r, _: r.diagnosis.p_before)
     mean_square_after: float = of(lambda r, _: r.diagnosis.gap_after)
     p_value_after: float = of(lambda r, _: r.diagnosis.p_after)
-    spare_readings: int = of(lambda r, _: r.diagnosis.spare, "beyond what parameters take")
+    spare_readings: int = of(lambda r, _: r.diagnosis.spare)
+    """beyond what parameters take"""
     lost_motions: tuple[str, ...] = of(lambda r, _: r.diagnosis.unidentifiable)
     effects_of_model: tuple[AdoptedEntry, ...] | None = of(
-        lambda r, _: tuple(map(AdoptedEntry.of, r.beside)) or None,
-        "with --model: what the readings were diagnosed beside",
-        asked=True,
+        lambda r, _: tuple(map(AdoptedEntry.of, r.beside)) or None, asked=True
     )
+    """with --model: what the readings were diagnosed beside"""
     adopted: AdoptionReport | None = of(
-        lambda _, adoption: maybe(AdoptionReport.of, adoption), "with --adopt", asked=True
+        lambda _, adoption: maybe(AdoptionReport.of, adoption), asked=True
     )
+    """with --adopt"""
 
 
 @dataclass(frozen=True)
 class LengthOfBoth:
     """A length that no frame changes, mm; 0 within ``expanded_mm`` is expected."""
 
-    before_mm: float
-    after_mm: float
-    difference_mm: float
-    expanded_mm: float | None
+    before_mm: Annotated[float, Quantity("before", "mm", decimals=4)]
+    after_mm: Annotated[float, Quantity("after", "mm", decimals=4)]
+    difference_mm: Annotated[float, Quantity("difference", "mm", "signed", 4)]
+    expanded_mm: Annotated[float | None, Quantity("± U (95 %)", decimals=4)]
 
 
 def lengths_of(apart: MachinesApart) -> dict[str, LengthOfBoth]:
@@ -125,11 +127,10 @@ class ComparedEntry(Report):
     of = Source[ComparedSession]()
     session: str = of(lambda r: r.name)
     postures: int = of(lambda r: len(r.machine.calibration.after.postures))
-    left_out: tuple[int, ...] = of(lambda r: r.left_out, "named as mistakes by the diagnosis")
-    verdict: str | None = of(
-        lambda r: None if r.diagnosis is None else r.diagnosis.verdict,
-        "of the diagnosis; null: no noise is stated",
-    )
+    left_out: tuple[int, ...] = of(lambda r: r.left_out)
+    """named as mistakes by the diagnosis"""
+    verdict: str | None = of(lambda r: None if r.diagnosis is None else r.diagnosis.verdict)
+    """of the diagnosis; null: no noise is stated"""
     named: tuple[MissingEntry, ...] = of(
         lambda r: tuple(
             MissingEntry(*cause)
@@ -148,19 +149,18 @@ class HexaSlideComparisonReport(Report):
     )
     before: ComparedEntry = of(lambda r: ComparedEntry.of(r.before))
     after: ComparedEntry = of(lambda r: ComparedEntry.of(r.after))
-    changed: bool | None = of(
-        lambda r: r.apart.changed, "whether p_value is below 0.01; null: not known"
-    )
-    p_value: float | None = of(
-        lambda r: r.apart.p_value, "chance of such differences if the machine is the same"
-    )
-    platform_rms_mm: float = of(
-        lambda r: 1000.0 * r.apart.rms_m, "over the box, frames laid over, effects included"
-    )
+    changed: bool | None = of(lambda r: r.apart.changed)
+    """whether p_value is below 0.01; null: not known"""
+    p_value: float | None = of(lambda r: r.apart.p_value)
+    """chance of such differences if the machine is the same"""
+    platform_rms_mm: float = of(lambda r: 1000.0 * r.apart.rms_m)
+    """over the box, frames laid over, effects included"""
     platform_largest_mm: float = of(lambda r: 1000.0 * r.apart.largest_m)
     platform_chance_mm: float | None = of(
-        lambda r: None if r.apart.chance_m is None else 1000.0 * r.apart.chance_m,
-        "r.m.s. of one machine by noise alone, at most, 95 %; null: not known",
+        lambda r: None if r.apart.chance_m is None else 1000.0 * r.apart.chance_m
     )
-    lengths: dict[str, LengthOfBoth] = of(lambda r: lengths_of(r.apart), "26 that no frame changes")
-    laid_over: tuple[str, ...] = of(lambda r: r.apart.free, "motions that no reading shows")
+    """r.m.s. of one machine by noise alone, at most, 95 %; null: not known"""
+    lengths: dict[str, LengthOfBoth] = of(lambda r: lengths_of(r.apart))
+    """26 that no frame changes"""
+    laid_over: tuple[str, ...] = of(lambda r: r.apart.free)
+    """motions that no reading shows"""

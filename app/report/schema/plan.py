@@ -25,10 +25,12 @@ class ProposalEntry(Report):
     legs: tuple[str, ...] = of(lambda r: r.candidate.legs)
     station: float = of(lambda r: r.candidate.station)
     displacements_mm: tuple[float, ...] = of(lambda r: r.candidate.levels_mm)
-    cycles: int = of(lambda r: r.candidate.cycles, "where there are several, each begins at Zero")
+    cycles: int = of(lambda r: r.candidate.cycles)
+    """where there are several, each begins at Zero"""
     entered_mm: tuple[float, float, float] = of(lambda r: r.candidate.preparation.entered_mm)
     load: float = of(lambda r: r.candidate.preparation.load)
-    protocol: str = of(lambda r: r.candidate.text, "a procedure file, or the name of one")
+    protocol: str = of(lambda r: r.candidate.text)
+    """a procedure file, or the name of one"""
     minutes: float = of(lambda r: r.candidate.minutes)
     bound_mm: float = of(lambda r: r.bound_mm)
     gain_mm_per_minute: float = of(lambda r: r.gain_mm_per_minute)
@@ -44,22 +46,19 @@ class PlanReport(Report):
     frame: Frame = of(lambda r: r.planner.correction.frame)
     holds: Holds = of(lambda r: r.planner.correction.holds)
     noise: str = of(lambda r: r.noise_words)
-    noise_mm: float = of(lambda r: r.planner.forecast.noise_mm, "standard deviation of a reading")
-    bound_mm: float = of(
-        lambda r: r.planner.bound_mm,
-        "what the tool is off by at most now (95 %) with the values that are known entered",
-    )
+    noise_mm: float = of(lambda r: r.planner.forecast.noise_mm)
+    """standard deviation of a reading"""
+    bound_mm: float = of(lambda r: r.planner.bound_mm)
+    """what the tool is off by at most now (95 %) with the values that are known entered"""
     next: ProposalEntry = of(lambda r: ProposalEntry.of(r.best))
     runners_up: tuple[ProposalEntry, ...] = of(lambda r: tuple(map(ProposalEntry.of, r.runners_up)))
-    more_helps: bool = of(lambda r: r.planner.more_helps, "any lowers the bound by a tenth")
+    more_helps: bool = of(lambda r: r.planner.more_helps)
+    """any lowers the bound by a tenth"""
     separation: SeparationEntry | None = of(
         lambda r: maybe(SeparationEntry.of, r.planner.separation)
     )
-    outside: OutsideMeasurement | None = of(
-        lambda r: r.planner.outside, "where legs do not show the larger part of the bound's square"
-    )
-    further: tuple[FurtherSetUp, ...] = of(
-        lambda r: r.planner.reach.further,
-        "set-ups in turn, each with the bound after it; no more are worth it",
-    )
+    outside: OutsideMeasurement | None = of(lambda r: r.planner.outside)
+    """where legs do not show the larger part of the bound's square"""
+    further: tuple[FurtherSetUp, ...] = of(lambda r: r.planner.reach.further)
+    """set-ups in turn, each with the bound after it; no more are worth it"""
     stations: tuple[float, ...] = STATIONS

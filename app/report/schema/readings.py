@@ -11,8 +11,6 @@ from drivers.profile import Evidence, Fault, FaultKind, IndicatorReading, Outcom
 from protocols.record import Record
 from protocols.session import Reading, Session
 
-POSITION = "of a reading of the tool, from Zero"
-
 
 class ReplayedReading(Report):
     """A reading as recorded; ``superseded`` is the reason why it does not count, or null."""
@@ -22,7 +20,8 @@ class ReplayedReading(Report):
     leg: str = of(lambda r, _: r.leg)
     axis: str = of(lambda r, _: r.axis)
     displacement_mm: float = of(lambda r, _: r.displacement_mm)
-    position_mm: tuple[float, ...] | None = of(lambda r, _: r.position_mm, POSITION, asked=True)
+    position_mm: tuple[float, ...] | None = of(lambda r, _: r.position_mm, asked=True)
+    """of a reading of the tool, from Zero"""
     value_mm: float = of(lambda r, _: r.value_mm)
     text: str = of(lambda r, _: r.text)
     cycle: int = of(lambda r, _: r.cycle)
@@ -43,7 +42,8 @@ class Average(Report):
     axis: str = of(lambda r: r[0].axis)
     station: float = of(lambda r: r[0].station)
     displacement_mm: float = of(lambda r: r[0].displacement_mm)
-    position_mm: tuple[float, ...] | None = of(lambda r: r[0].position_mm, POSITION, asked=True)
+    position_mm: tuple[float, ...] | None = of(lambda r: r[0].position_mm, asked=True)
+    """of a reading of the tool, from Zero"""
     mean_mm: float = of(
         lambda readings: sum(r.value_mm * r.averaged for r in readings) / _count(readings)
     )
@@ -69,7 +69,8 @@ class ReplayReport(Report):
     of = Source[Record]()
     schema_id: Literal["glidecal.replay/1"] = schema("glidecal.replay/1")
     session: str = of(lambda r: r.session.name)
-    end: str = of(lambda r: r.end, "closed, or how the record ends")
+    end: str = of(lambda r: r.end)
+    """closed, or how the record ends"""
     remarks: tuple[str, ...] = of(lambda r: r.session.opened.remarks)
     readings: tuple[ReplayedReading, ...] = of(
         lambda r: tuple(
@@ -88,7 +89,8 @@ class ReadingReport(Report):
     of = Source[str, IndicatorReading]()
     schema_id: Literal["glidecal.reading/1"] = schema("glidecal.reading/1")
     profile: str = of(lambda profile, _: profile)
-    text: str = of(lambda _, r: r.text, "as received")
+    text: str = of(lambda _, r: r.text)
+    """as received"""
     value_mm: float = of(lambda _, r: r.value_mm)
     unit: Unit = of(lambda _, r: r.unit)
     unit_assumed: bool = of(lambda _, r: r.unit_assumed)
@@ -103,7 +105,8 @@ class FaultReport(Report):
     of = Source[str, Fault]()
     schema_id: Literal["glidecal.reading/1"] = schema("glidecal.reading/1")
     profile: str = of(lambda profile, _: profile)
-    text: str = of(lambda _, r: r.text, "as received")
+    text: str = of(lambda _, r: r.text)
+    """as received"""
     status: FaultKind = of(lambda _, r: r.kind)
     words: str = of(lambda _, r: r.words)
 

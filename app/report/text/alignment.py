@@ -25,18 +25,6 @@ SOMETHING_ELSE = (
     "WARNING: something else acts on the readings, so the figures can be off by more than their ±. "
     "Look first: glidecal diagnose."
 )
-ALIGN_HELP = """\
-{align.up}, {align.down}  which end of which rail
-{align.watch}  the indicator is in place: watch this screw; again: it is done, and goes into the \
-record
-{align.asked}  done without an indicator: it was moved as asked
-{align.less}, {align.more}  turn the screw of a simulated machine by 0.02 mm
-{align.again}  measure again: every step, for the machine is another one
-{align.finish}  finish, as long as nothing was moved since it was measured
-{align.home}, {align.leave}  pause the session: to the home screen, or quit
-
-One screw at a time. Go to the far side and come back as usual; what
-decides is where the end of the rail is when you press {align.watch}."""
 
 
 def aligned_text(aligned: RailAlignment) -> str:

@@ -15,7 +15,6 @@ from app.report.text.tables import new_table, result_table, signed, uncertain
 from calib.identify.solution import Subset
 from calib.posterior.tool import FRAMES
 from calib.quantity import probability_words
-from protocols.data_table import DataTable
 
 if TYPE_CHECKING:
     from calib.posterior.correction import LeftOut, ToolOff
@@ -85,19 +84,20 @@ def before_or_now(entered: bool) -> str:
 def bound_table(first: Frame, off_now: ToolOff, off: ToolOff, *, entered: bool = False) -> Table:
     """What the tool is off by at most, without the values and with them, in each frame."""
     when = f"{before_or_now(entered)}, mm"
-    table = new_table("tool error, r.m.s. (95 %)", when, "with these values, mm")
-    for frame in frames_of(first):
-        now, corrected_mm = off_now.bound_in(frame), off.bound_in(frame)
-        table.add_row(FREE_WORDS[frame], uncertain(now), uncertain(corrected_mm))
-    return table
+    rows = (
+        (FREE_WORDS[frame], *(uncertain(state.bound_in(frame)) for state in (off_now, off)))
+        for frame in frames_of(first)
+    )
+    return new_table("tool error, r.m.s. (95 %)", when, "with these values, mm", rows=rows)
 
 
 def gains_table(result: SessionSolution) -> Table:
     """What other exports of the same controller would keep."""
-    table = new_table("if the controller has", "tool at most, mm")
-    for gain in result.corrections.others(result.correction):
-        table.add_row(HOLDS_WORDS[gain.holds], uncertain(gain.bound_mm))
-    return table
+    rows = (
+        (HOLDS_WORDS[gain.holds], uncertain(gain.bound_mm))
+        for gain in result.corrections.others(result.correction)
+    )
+    return new_table("if the controller has", "tool at most, mm", rows=rows)
 
 
 def value_parts(
@@ -125,9 +125,7 @@ def value_parts(
 
 def line_parts(result: SessionSolution) -> list[str | Table]:
     """Lines of the drives within their tolerances; nothing where the machine file has none."""
-    if not result.lines:
-        return []
-    return [result_table(DataTable.of(LineParameter, result.lines))]
+    return [result_table(LineParameter, result.lines)] if result.lines else []
 
 
 def off_line(frame: Frame, off_now: ToolOff, off: ToolOff) -> str:

@@ -13,7 +13,6 @@ from app.report.text.caveats import changed_lines
 from app.report.text.correction import FRAME_WORDS
 from app.report.text.printer import tower_remedies
 from app.report.text.tables import (
-    PAGE_HELP,
     expanded,
     hanging,
     new_table,
@@ -42,22 +41,6 @@ from calib.posterior.correction import HOLDS, Holds
 from calib.quantity import probability_words
 from calib.stats import UNLIKELY
 from calib.tripod.effects.empirical import EMPIRICAL
-from protocols.data_table import DataTable
-
-DIAGNOSE_HELP = f"""\
-{{diagnose.adopt}}  adopt what was named, another effect that fits as well, or the rest as an \
-unnamed effect: writes a model file and diagnoses again with it. Mistakes in the readings are \
-corrected in a new session file
-{{diagnose.what_if}}  what if: move the size of an effect, see what it would explain and what it \
-does at the tool; adopt or drop it
-{{diagnose.result}}  the result: offsets, and sizes of adopted effects
-{{diagnose.next}}  write the next measurement as a procedure file: the one that decides between \
-effects that fit equally well
-{PAGE_HELP}
-
-Where shows the mean residual at each place, in µm, after the fit of
-offsets, lengths and zeros. ▲ and ▼ are more than noise, ▲▲ and ▼▼ much
-more. Adopting changes no record: the old session is not changed."""
 
 LOOKING = "Looking for what is missing …"
 NOT_YET = "The diagnosis is not ready yet."
@@ -462,7 +445,7 @@ def candidates_parts(diagnosis: Diagnosis) -> list[str | Table]:
 
 def _detectable(diagnosis: Diagnosis) -> list[Table]:
     """What would have been found, where readings and model agree."""
-    table = result_table(DataTable.of(Detectable, diagnosis.smallest_detectable))
+    table = result_table(Detectable, diagnosis.smallest_detectable)
     for name in diagnosis.not_shown:
         table.add_row(name, "not shown")
     return [table] if diagnosis.verdict == "agrees" else []

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from statistics import median
 
-from app.report.text.tables import PAGE_HELP, new_table, paragraphs, table_text, wrapped
+from app.report.text.tables import new_table, paragraphs, table_text, wrapped
 from calib.hexaslide.geometry import COORDINATES
 from calib.hexaslide.planning import DIFFERENCE_STEP, SCALED, SCALED_WORDS, HexaSlideSeen, PaperRule
 from calib.hexaslide.procedures import MEASURABLE_WORDS, ProcedureKind
@@ -219,19 +219,6 @@ def _on_differences(rule: PaperRule) -> str:
         "tight."
     )
 
-
-HEXASLIDE_HELP = f"""\
-{{hexaslide.procedure}}  choose one of the four procedures of the paper
-{{hexaslide.measured}}  measured components of your own, such as x,y,z,theta
-{{hexaslide.machine}}  the machine file of a machine of your own
-{{hexaslide.search}}  search for the best postures; {{page.back}} stops it, the best so far stays
-{{hexaslide.count}}  how many postures to search for
-{{hexaslide.next_posture}}, {{hexaslide.posture_before}}  the next posture, the one before
-{PAGE_HELP}
-
-Drawing: rails ·, links thin with their number, platform thick, box :
-Postures: x start, o optimum. A posture is a place and three angles, so
-each appears once in every plot. Nothing here writes a file."""
 
 PROCEDURE_WORDS = {
     ProcedureKind.POSE_INVERSE: "whole posture, residuals of the sliders",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from rich.table import Table
 
 from app.evaluating.hexaslide import ComparedSession, ComparedSessions
 from app.report.schema.hexaslide_diagnosis import LengthOfBoth, lengths_of
 from app.report.text.hexaslide_diagnosis import verdict_words
-from app.report.text.tables import new_table, paragraphs, signed
+from app.report.text.tables import paragraphs, result_table
 from calib.hexaslide.comparison import CHANGED, MachinesApart
 
 MOST_LENGTHS = 8
@@ -56,15 +58,13 @@ def _platform(apart: MachinesApart) -> str:
 
 def _lengths(apart: MachinesApart) -> list[str | Table]:
     """Lengths that differ most by their uncertainty."""
-    lengths = lengths_of(apart)
-    rows = [(name, length, length.expanded_mm) for name, length in lengths.items()]
-    beyond = [
-        (abs(length.difference_mm) / half, name, length)
-        for name, length, half in rows
-        if half and abs(length.difference_mm) > half
-    ]
     if apart.expanded_m is None:
         return []
+    lengths = lengths_of(apart)
+    times = {
+        name: abs(d.difference_mm) / (d.expanded_mm or math.inf) for name, d in lengths.items()
+    }
+    beyond = [name for name in sorted(lengths, key=lambda n: (-times[n], n)) if times[name] > 1.0]
     least, most = 1000.0 * apart.expanded_m.min(), 1000.0 * apart.expanded_m.max()
     text = (
         f"{len(beyond)} of {len(lengths)} lengths that no frame changes differ by more than their "
@@ -72,20 +72,9 @@ def _lengths(apart: MachinesApart) -> list[str | Table]:
     )
     if not beyond:
         return [f"{text}."]
-    table = new_table("length", "before, mm", "after, mm", "difference, mm", "± U (95 %)")
-    for _, name, length in sorted(beyond, key=lambda row: (-row[0], row[1]))[:MOST_LENGTHS]:
-        table.add_row(name, *_row(length))
+    listed = {name: lengths[name] for name in beyond[:MOST_LENGTHS]}
     together = "of one machine one in twenty does, and those of a joint go together"
-    return [f"{text}; {together}.", table]
-
-
-def _row(length: LengthOfBoth) -> tuple[str, ...]:
-    return (
-        f"{length.before_mm:.4f}",
-        f"{length.after_mm:.4f}",
-        signed(length.difference_mm, 4),
-        f"{length.expanded_mm:.4f}",
-    )
+    return [f"{text}; {together}.", result_table(LengthOfBoth, listed, "length")]
 
 
 def _session(session: ComparedSession) -> str:

@@ -14,7 +14,6 @@ from calib.hexaslide.causes import AdoptedEffect
 from calib.hexaslide.diagnosis import CauseSize, HexaSlideDiagnosis, Names
 from calib.hexaslide.platform import PlatformError
 from calib.quantity import probability_words
-from protocols.data_table import DataTable
 from protocols.hexaslide_model import HexaSlideModel
 
 if TYPE_CHECKING:  # sessions come with it, which not every result has
@@ -153,4 +152,4 @@ def diagnosis_parts(diagnosis: HexaSlideDiagnosis) -> list[str | Table]:
 
 def size_tables(sizes: Sequence[CauseSize]) -> list[Table]:
     """Values of causes with their uncertainties; nothing for none."""
-    return [result_table(DataTable.of(CauseSize, sizes))] if sizes else []
+    return [result_table(CauseSize, sizes)] if sizes else []

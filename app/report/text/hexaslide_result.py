@@ -1,4 +1,4 @@
-"""What the result screen of a session of postures says."""
+"""What the result screen of a session of postures says, and that of a cause of some size."""
 
 from __future__ import annotations
 
@@ -17,21 +17,11 @@ from app.report.text.hexaslide_calibration import (
     off_words,
     parameter_parts,
 )
-from app.report.text.hexaslide_diagnosis import missing_parts, verdict_line
+from app.report.text.hexaslide_diagnosis import missing_parts, title_of, verdict_line
 from app.report.text.hexaslide_session import readings_parts, remark_lines
-from app.report.text.tables import PAGE_HELP, paragraphs
+from app.report.text.tables import new_table, paragraphs, table_text
 from calib.errors import GlidecalError
-
-POSTURE_RESULT_HELP = f"""\
-{{postures.export}}  the calibrated machine and its kinematics, into a folder
-{{postures.report}}  the report to sign, as HTML or PDF
-{{postures.diagnose}}  the diagnosis: what may be missing, and why
-{{postures.what_if}}  what if: the size of a cause is moved
-{PAGE_HELP}
-
-The result of a session of postures. What no reading shows is named: frames
-that are turned or shifted as wholes stay as the machine file has them. More
-postures are measured in the terminal: glidecal run --continue."""
+from calib.hexaslide.what_if import CauseAtSize
 
 LOOKING = "Working out the machine …"
 NO_RESULT = "This session gives no machine."
@@ -120,3 +110,31 @@ def readings_text(result: PostureResult) -> str:
 def exported_text(paths: Sequence[Path]) -> str:
     """Where the calibrated machine is."""
     return f"Written to {paths[0].parent}: {', '.join(path.name for path in paths)}."
+
+
+WHICH_CAUSE = "Which cause?"
+
+
+def cause_words(name: tuple[str, str], weight: float) -> str:
+    """A line of the list of causes."""
+    return f"{title_of(name)}, {100.0 * weight:.0f} %"
+
+
+def what_if_heading(name: tuple[str, str], path: Path) -> str:
+    """What is tried, on which readings."""
+    return f"What if {title_of(name)}   {path.name}"
+
+
+def what_if_text(nominal: CauseAtSize, now: CauseAtSize) -> str:
+    """Residuals and platform, without the cause and with it."""
+    table = new_table("", "without", "with it")
+    pair = nominal, now
+    table.add_row("readings left, times the noise", *(f"{entry.times_noise:.2f}" for entry in pair))
+    table.add_row("chance of so much by noise", *(f"{entry.p_value:.2g}" for entry in pair))
+    table.add_row("platform, cause not compensated, mm r.m.s.", "0", _mm(now.alone_m))
+    table.add_row("platform, values without it entered, mm r.m.s.", "0", _mm(now.misled_m))
+    return table_text(table)
+
+
+def _mm(size_m: float) -> str:
+    return f"{1000.0 * size_m:.4f}"

@@ -132,10 +132,11 @@ def _stacked(
 
 def readings_table(session: PostureSession) -> Table:
     """A row for each reading, with the reason where it does not count; for a page of a report."""
-    table = new_table("reading", "posture", *_heads(session), "")
-    for (number, posture), figures in _rows(session):
-        table.add_row(number, posture, *figures, session.superseded.get(int(number), ""))
-    return table
+    rows = (
+        (*numbers, *figures, session.superseded.get(int(numbers[0]), ""))
+        for numbers, figures in _rows(session)
+    )
+    return new_table("reading", "posture", *_heads(session), "", rows=rows)
 
 
 def remark_lines(session: PostureSession) -> list[str]:

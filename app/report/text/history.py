@@ -10,7 +10,6 @@ from rich.table import Table
 from app.evaluating.history import Entry, History, MachineHistory
 from app.evaluating.posture_history import PastEntry, Point, PostureEntry, PostureHistory
 from app.report.text.tables import (
-    PAGE_HELP,
     hanging,
     new_table,
     paragraphs,
@@ -29,17 +28,6 @@ TOO_EARLY = (
     "over a week or longer."
 )
 NO_DAY = "Of an imported table the day must be stated (import --measured-on)."
-
-HISTORY_HELP = f"""\
-{{history.next_figure}}, {{history.figure_before}}  Charts: another joint
-{PAGE_HELP}
-
-Of several machines the first page is a list; choose one there.
-All sessions of a folder and those below it: where the joints are, what
-the tool was off by, what was changed in between, what drifts. Sessions
-that were simulated or imported have histories of their own. In a chart
-dots are limits, and a line from top to bottom is a change that the
-records tell. Files that are altered, cut or not finished come first."""
 
 ORIGIN_WORDS = {"measured": "", "simulated": ", simulated", "imported": ", imported"}
 
@@ -114,10 +102,8 @@ def _rows(history: History) -> Iterator[tuple[str, int, str]]:
 
 def machines_table(history: History) -> Table:
     """A row for each machine."""
-    table = new_table("machine", "sessions", "last", left_columns=1)
-    for name, count, day in _rows(history):
-        table.add_row(name, f"{count}", day)
-    return table
+    rows = ((name, f"{count}", day) for name, count, day in _rows(history))
+    return new_table("machine", "sessions", "last", rows=rows)
 
 
 def machine_parts(

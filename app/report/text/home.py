@@ -21,23 +21,6 @@ WORDS_OF_LOOKS = "{looks}"
 LIST_KEYS = "Arrow keys and Enter"
 """Of every list: Textual's own."""
 
-HOME_HELP = f"""\
-Continue       an interrupted session, at its first open step
-New session    measures with real indicators
-Demonstration  the same on a simulated machine, in demo-sessions
-Result         what to enter, tool error now and after, report
-Replay         how a session was measured, step by step
-Compare        the session before the offsets were entered in the
-               controller with the one after
-Export         files with what to enter in the controller
-Diagnose       where readings and model disagree, and what is missing
-History        all sessions here and below: offsets over time, drift
-{WORDS_OF_LOOKS}
-
-Sessions of this folder and of demo-sessions stand below, newest
-first. Choose one of them to see what can be done with it. The command
-palette, Ctrl+P, has themes, keys and a screenshot."""
-
 ONLY_SHOWN = "This program only shows sessions: nothing is written and nothing is measured."
 REPORTS_SERVED = "Reports to read and print: in the browser, add /reports to this address."
 HISTORY_OF = "History of {}"
@@ -161,46 +144,6 @@ PARTNER_CHOICES = (
 )
 
 
-PREPARE_HELP = """\
-{prepare.choose}  on an indicator: its form, with port, profile and axes
-{prepare.clear}  on an indicator: none
-{prepare.check}  open the indicators and show them live; nothing is recorded yet
-{prepare.dry-run}  show every step of the procedure; nothing is opened or written
-{prepare.back}  back; what was typed stays
-Tab leads to the next field."""
-
-OF_AN_INDICATOR = (
-    "{prepare.choose} opens its form. Without any choice the indicators of\n"
-    "the machine file, else those that were used last with this machine."
-)
-FIELD_HELP = {
-    "procedure": "Procedure: what is measured, in which order. {prepare.choose} opens the list.",
-    "indicator1": f"First indicator.\n{OF_AN_INDICATOR}",
-    "indicator2": f"Second indicator: without one each leg is measured twice.\n{OF_AN_INDICATOR}",
-    "machine": (
-        "Machine: a name or a file. Without one, the prototype of the papers.\n"
-        "It decides which procedures can be chosen."
-    ),
-    "serial": (
-        "Serial number of the machine: the history of a folder and the certificate\n"
-        "know it by this. It is asked once; a machine file may state it (serial_number)."
-    ),
-    "place": (
-        "Place of the machine: the history of a folder says where it is. It is\n"
-        "asked once; a machine file may state it (place)."
-    ),
-    "operator": "Operator: a name for the record.",
-    "temperature": "Temperature of the machine for the record, in °C.",
-    "note": "Note for the record; it is shown below the result.",
-    "random": (
-        "Random order seed: shuffles the levels after Zero in each cycle, so\n"
-        "that drift does not look like displacement. One seed gives one order.\n"
-        "Only a procedure whose order is free allows it."
-    ),
-}
-"""Words of F1 for each field of the form."""
-
-
 class FormField(NamedTuple):
     """A line of a form to type into, or with ``rows`` of words and value a list to choose from."""
 
@@ -237,15 +180,6 @@ NO_INDICATOR_AT_PLATE = (NO_INDICATOR[0], "none: one reads the tool. {prepare.ch
 SOURCES = {"": "", "file": ", of the machine file", "last": ", as last time"}
 CHOOSE_INDICATOR = "Choose an indicator on its line. The demonstration needs none."
 NOT_HERE = " (not plugged in)"
-
-INDICATOR_HELP = """\
-{indicator.try}  try every profile on this port: it gets the request of one after \
-the other. Only do it where an indicator is plugged in, never at the port of a controller. \
-Other ports are not touched
-{indicator.done}, {indicator.back}  stop trying; go back, with what is in the form
-
-Where several profiles fit, the indicators give the same answers: take
-the name that is on yours."""
 
 INDICATOR_FIELDS = (
     FormField("port", "Port", PORT_HINT),
@@ -313,19 +247,6 @@ def form_words(form: Mapping[str, object], source: str, *, missing: bool) -> str
     where = f"{form.get('port', 'no port')}{NOT_HERE if missing else ''}"
     return f"{form.get('profile', 'no profile')} at {where}, {axes}{number}{SOURCES[source]}"
 
-
-CHECK_HELP = """\
-Push in the spindle that is asked for, and let it go: the program sees
-which indicator moves, and whether pushed in it reads larger or smaller.
-Nothing is recorded before {check.begin}, which begins without the rest,
-too; the record then notes that. {check.exchange} exchanges the ports where
-the other one moved. A panel that shows a fault names its kind; glidecal
-indicator doctor examines it."""
-
-DRY_RUN_HELP = """\
-The steps in the order in which they are measured, each with the
-line to type at the controller; on the second page what to expect of
-the result. Nothing is opened or written."""
 
 WHICH_COMMAND = "What do you want to do?"
 WHICH_THEME = "Which colours?"

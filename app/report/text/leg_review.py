@@ -12,13 +12,6 @@ from calib.printable import with_capital
 from protocols.procedure import Step
 from protocols.session import Session
 
-REVIEW_HELP = """\
-Scatter       standard deviation of a reading in the repeats of a posture
-Usual         the scatter to hold against it: what the indicator states,
-              the other legs, or an indicator at rest
-Return        largest difference between two Zeros of one cycle: it shows
-              drift, and a stand that moved"""
-
 
 def leg_review_text(session: Session, step: Step, rests_mm: Sequence[float] = ()) -> str:
     """The review of the leg of a step, or why there is none."""
@@ -39,9 +32,9 @@ def review_text(review: LegReview, session: Session) -> str:
             along.axis.upper(),
             "no repeats"
             if along.standard_deviation_mm is None
-            else _four(along.standard_deviation_mm),
+            else f"{along.standard_deviation_mm:.4f}",
             str(along.degrees_of_freedom),
-            f"{_four(along.usual_mm)} {along.usual}",
+            f"{along.usual_mm:.4f} {along.usual}",
             "" if along.worst_return_mm is None else signed(along.worst_return_mm, 4),
         )
     subject, wide, legend = f"Leg {review.leg.upper()}", 15, "leg along axis, "
@@ -90,7 +83,3 @@ def review_verdict(review: LegReview, session: Session) -> str:
     if all(along.standard_deviation_mm is None for along in review.axes):
         return "Without repeats the scatter is not known."
     return "No scatter is suspicious."
-
-
-def _four(length_mm: float) -> str:
-    return f"{length_mm:.4f}"

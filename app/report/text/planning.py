@@ -26,7 +26,6 @@ from calib.posterior.planning import WORTH, OutsideMeasurement, Reach, Separatio
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures
 from calib.tripod.workspace import PostureOfTool, Workspace
-from protocols.data_table import DataTable
 from protocols.machine import Machine
 from protocols.procedure import position_words
 
@@ -65,7 +64,7 @@ def identifiability_text(seen_by: SeenBy) -> str:
 
 def expected_text(expected: ExpectedResult) -> str:
     """What each parameter and the tool will be known to, once this is measured."""
-    table = result_table(DataTable.of(ExpectedParameter, expected.parameters))
+    table = result_table(ExpectedParameter, expected.parameters)
     because = f", most of it because of {' ('.join(expected.worst)})" if expected.worst else ""
     return paragraphs(
         table,

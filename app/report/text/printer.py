@@ -8,7 +8,7 @@ from rich.table import Table
 
 from app.evaluating.printer import BEYOND_NOISE, LEAST, PrinterChange
 from app.evaluating.solution import SessionSolution
-from app.report.text.tables import new_table, signed, uncertain
+from app.report.text.tables import decimals, new_table, signed, uncertain
 from calib.tripod.effects.bars import LegLength
 from calib.tripod.effects.drives import ActuatorScale, AxisOffset, AxisSquareness, Backlash
 from calib.tripod.effects.effect import EffectInstance, remedies
@@ -66,12 +66,11 @@ def _change_table(change: PrinterChange) -> Table:
     then = _then(change)
     if change.endstops_alone:
         move = "or move the switch by, mm" if change.helps else "or the switch by, mm"
-        table = new_table("tower", "endstop now, mm", then, move)
-        for tower in change.towers:
-            stop = tower.endstop
-            moved = signed(-stop.change)
-            table.add_row(tower.tower, f"{stop.now:.3f}", f"{stop.then:.3f}", moved)
-        return table
+        rows = (
+            (t.tower, f"{t.endstop.now:.3f}", f"{t.endstop.then:.3f}", signed(-t.endstop.change))
+            for t in change.towers
+        )
+        return new_table("tower", "endstop now, mm", then, move, rows=rows)
     table = new_table("mm", "endstop", then, "arm", then, "angle, °", then)
     for tower in change.towers:
         pairs = (tower.endstop, tower.arm, tower.angle)
@@ -140,32 +139,33 @@ def tower_remedies(effects: Sequence[EffectInstance], towers: Mapping[str, str])
 
 
 def _remedy(effect: EffectInstance, towers: Mapping[str, str]) -> str | None:
-    value = float(effect.values[0].real)
+    value, half = float(effect.values[0].real), 2.0 * sum(effect.deviations[:1])
+    sign, size = "-" * (value < 0.0), f"{abs(value):.{decimals(half) if half > 0.0 else 3}f} mm"
     names = [towers.get(letter, "") for letter in effect.place]
     law, tower = effect.effect, names[0]
     if isinstance(law, ActuatorScale):
-        times = 1.0 + value / 1000.0
+        times, places = 1.0 + value / 1000.0, decimals(half / 1000.0) if half > 0.0 else 5
         return (
-            f"belt of tower {tower}: multiply its rotation_distance (Klipper) by {times:.5f}, or "
-            f"its steps per mm (M92) by {1.0 / times:.5f}; where glidecal solve lists it, enter "
-            "that value instead, with all others there. A pulley or belt is not as stated, or "
-            "stretched. Then home, probe again, and import that"
+            f"belt of tower {tower}: multiply its rotation_distance (Klipper) by "
+            f"{times:.{places}f}, or its steps per mm (M92) by {1.0 / times:.{places}f}; where "
+            "glidecal solve lists it, enter that value instead, with all others there. A pulley or "
+            "belt is not as stated, or stretched. Then home, probe again, and import that"
         )
     if isinstance(law, Backlash):
-        return f"belt or joints of tower {tower} are slack by {value:.3f} mm: tighten them"
+        return f"belt or joints of tower {tower} are slack by {sign}{size}: tighten them"
     if isinstance(law, LegLength):
-        return f"arm of tower {tower}: {value:+.3f} mm, in the exported values"
+        return f"arm of tower {tower}: {sign or '+'}{size}, in the exported values"
     if type(law) is AxisOffset and effect.place[1:] in ("r", "t"):
         out, back = ("out", "in") if effect.place[1:] == "r" else ("anticlockwise", "clockwise")
         way, against = (out, back) if value > 0.0 else (back, out)
         return (
-            f"foot of tower {tower} is {abs(value):.3f} mm too far {way}: the exported values "
-            f"allow for it; or move the tower {against}"
+            f"foot of tower {tower} is {size} too far {way}: the exported values allow for it; or "
+            f"move the tower {against}"
         )
     if isinstance(law, AxisSquareness):
         way = "apart" if value > 0.0 else "together"
         return (
             f"towers {' and '.join(names)} lean, for which firmware has no value: with their feet "
-            f"where they are, move their tops {way}, {abs(value):.2f} mm for each metre of height"
+            f"where they are, move their tops {way}, {size} for each metre of height"
         )
     return None

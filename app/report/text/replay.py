@@ -23,24 +23,6 @@ from protocols.session import (
     Superseded,
 )
 
-REPLAY_HELP = """\
-{replay.play}  play, pause; at the end: from the start again
-{replay.forward}, {replay.back}  one event on or back: a step, a note, a fault …
-{replay.faster}, {replay.slower}  faster, up to ×100; slower
-{replay.start}, {replay.end}  the start, the end
-{replay.jump}  jump to a step; in a table to a reading
-{replay.list}  every reading so far, superseded ones with their reason
-{replay.list-up}, {replay.list-down}  scroll these readings
-{replay.plot}  the plot in the place of the table, and back
-{replay.where}  the set-up of the step as a picture
-{replay.result}  the result of the whole session
-{replay.copy}  copy every reading so far as text
-{replay.leave}, {app.quit}  back, leave
-
-Nothing is measured or written here. Breaks of more than 30 s are
-cut short. The panels show the recorded readings; their age is the
-time of the replay."""
-
 LONGEST_NAME = 40
 NUMBERS_SHOWN = 6
 HEADING = "   no  step  leg axis      at, mm  cycle  mount         value, mm"

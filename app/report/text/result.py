@@ -26,7 +26,6 @@ from app.report.text.correction import (
     value_parts,
 )
 from app.report.text.tables import (
-    PAGE_HELP,
     beside,
     decimals_for,
     difference_words,
@@ -40,7 +39,6 @@ from app.report.text.tables import (
     uncertain,
 )
 from calib.identify.solution import SUBSETS, Difference, Estimate, Solution
-from protocols.data_table import DataTable
 from protocols.machine import Instrument
 from protocols.session import Session
 
@@ -89,9 +87,9 @@ def view_parts(result: SessionSolution) -> list[str | Table]:
         f"View: {SUBSET_WORDS[solution.subset]}, {_method_words(solution)}",
         verdict_words(result),
         parameter_table(solution),
-        *([size_table(solution)] if solution.sizes else []),
+        result_table(Estimate, solution.effect_sizes, "fitted effect") if solution.sizes else "",
         "\n".join(caveats_of_view(result)),
-        difference_table(solution),
+        result_table(Difference, solution.tabulated, "difference"),
         subset_table(result),
         noise_words(result),
     ]
@@ -185,25 +183,14 @@ def parameter_table(solution: Solution) -> Table:
     return table
 
 
-def size_table(solution: Solution) -> Table:
-    """Sizes of the model's effects, fitted with the parameters."""
-    return result_table(DataTable.of(Estimate, solution.effect_sizes, "fitted effect"))
-
-
-def difference_table(solution: Solution) -> Table:
-    """The (up to) twelve differences with what the model predicts."""
-    return result_table(DataTable.of(Difference, solution.tabulated, "difference"))
-
-
 def subset_table(result: SessionSolution) -> Table:
     """What each set of parameters leaves of the differences."""
-    table = new_table("set of parameters", "residual r.m.s., mm")
-    for subset in SUBSETS:
-        residual = "left out"
-        if subset in result.choice.solutions:
-            residual = f"{result.choice.solutions[subset].rms_after_mm:.4f}"
-        table.add_row(SUBSET_WORDS[subset], residual)
-    return table
+    left = {
+        subset: f"{solution.rms_after_mm:.4f}"
+        for subset, solution in result.choice.solutions.items()
+    }
+    rows = ((SUBSET_WORDS[subset], left.get(subset, "left out")) for subset in SUBSETS)
+    return new_table("set of parameters", "residual r.m.s., mm", rows=rows)
 
 
 def noise_words(result: SessionSolution) -> str:
@@ -236,7 +223,7 @@ def _condition_words(condition_number: float) -> str:
 def _source_words(result: SessionSolution) -> str:
     noise = result.noise
     free = noise.degrees_of_freedom
-    degrees = "" if math.isinf(free) else f", {free_words(free)}"
+    degrees = "" if math.isinf(free) else f", {free_words(free, noise.scatter_of_repeats[1])}"
     if noise.source == "repeats":
         return f"from repeats{degrees}"
     if noise.source == "residuals":
@@ -317,7 +304,7 @@ def comparison_text(earlier: Solution, later: Solution, *, changed: bool = False
     pairs = both_values(earlier, later).items()
     rows = {difference_words(name): pair for name, pair in pairs}
     heading = "leg along axis" if any(" along " in name for name in rows) else "difference"
-    table = result_table(DataTable.of(BothValues, rows, heading))
+    table = result_table(BothValues, rows, heading)
     sentence = comparison_sentence(earlier, later)
     if changed:
         sentence = (
@@ -340,22 +327,6 @@ def comparison_sentence(earlier: Solution, later: Solution) -> str:
 WORKING_OUT = "Working out what to enter …"
 WRITING_REPORT = "Writing the report …"
 REPORT_WRITTEN = "Report written beside the session: {}. Open it in a browser, print and sign it."
-
-RESULT_HELP = f"""\
-{{result.next_leg}}, {{result.leg_before}}  Legs: another leg or axis; below, enlarged, what is left
-{{result.set}}  choose the set of parameters that Details shows
-{{result.export}}  write the values to enter, in every format, into a folder beside the session
-{{result.verify}}  measure again after the offsets were entered, and compare
-{{result.report}}  write the report to sign (HTML) beside the session
-{{result.diagnose}}  diagnose: where readings and model disagree, and why
-{{result.what_if}}  what if: move the size of an effect, see what it does
-{PAGE_HELP}
-
-The values to enter leave least of the tool's error, over everything
-that may be true of the machine with these readings. 95 of 100 such
-machines keep the bound. A set of parameters is a view: U is its
-expanded uncertainty (95 %). The residual is what the view does not
-explain. If it is much larger than the noise, {{result.diagnose}} looks for the cause."""
 
 WHICH_SET = "Which set of parameters? It is a view: the values to enter stay."
 
@@ -395,14 +366,6 @@ def comparison_report(comparison: Comparison) -> str:
     )
 
 
-COMPARISON_HELP = f"""\
-{PAGE_HELP}
-
-Each difference between two postures, before and after the joint offsets
-were entered in the controller. "Expected" is the residual of the first
-session: offsets cannot remove more than that."""
-
-
 WRONG = {
     "not entered": "the old error is still there. Enter the offset, and home again.",
     "wrong sign": "twice the old error: it was entered with the wrong sign.",
@@ -436,7 +399,7 @@ def verification_parts(verification: Verification) -> list[str | Table]:
 
 def offsets_table(verification: Verification) -> Table:
     """Joint offsets of both sessions, and whether they were entered."""
-    return result_table(DataTable.of(RemainingOffset, verification.offsets))
+    return result_table(RemainingOffset, verification.offsets)
 
 
 def decided(verification: Verification) -> str:

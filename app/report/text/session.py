@@ -26,27 +26,6 @@ from protocols.motion import commanded_mm, joints_mm
 from protocols.procedure import Step, leg_number, position_words, posture_name
 from protocols.session import Session
 
-MEASURE_HELP = """\
-{measure.take}, {measure.take-too}  take: read the indicators, write the readings to disk
-{measure.repeat}  measure the last step again; its readings stay, superseded
-{measure.earlier}  an earlier step: measure it again, or take that back
-{measure.skip}  leave this step or the rest of the leg out, with a reason
-{measure.automatic}  automatic: take when readings have moved and rest again (by hand only)
-{measure.hold}  hold: nothing is taken until the same key again
-{measure.remount}  the stand was moved: later readings get a new zero
-{measure.note}  write a note into the record
-{measure.where}  where: leg, stand and indicators as a picture
-{measure.plot}  the plot, larger strip charts, and back to the table
-{measure.port}  an indicator is at another port now: choose it
-{measure.go}  go, where a controller moves the machine; every key but that of the view stops it
-{measure.home}, {measure.leave}  pause the session: to the home screen, or quit
-
-Each panel says whether its reading moves or is stable. A reading is on
-the disk before this screen says that it is taken.
-
-Below the number: the last seconds. The figures beside them are the
-height and the width of the chart; between its dotted lines readings rest."""
-
 
 def mdi_line(step: Step, machine: Machine, lift_mm: float = 0.0) -> str:
     """The line to type at the controller, in the coordinates that it takes.

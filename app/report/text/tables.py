@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from io import StringIO
 from textwrap import fill
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -18,12 +18,15 @@ from calib.quantity import beside as beside
 from calib.quantity import decimals as decimals
 from calib.quantity import decimals_for as decimals_for
 from calib.quantity import figures as figures
+from calib.quantity import known_to as known_to
 from calib.quantity import signed as signed
 from calib.quantity import uncertain as uncertain
 from protocols.data_table import DataTable
 
 if TYPE_CHECKING:
     from calib.tripod.workspace import PlaneMap
+
+R = TypeVar("R")
 
 WIDTH = 76
 """Fits a terminal of 80 columns inside borders and scroll bar."""
@@ -36,8 +39,7 @@ HELP_WIDTH = 72
 def expanded(value: float, standard_uncertainty: float) -> str:
     """A value ± its expanded uncertainty (95 %, k = 2), to two digits of that."""
     half = 2.0 * standard_uncertainty
-    places = decimals(half)
-    return f"{signed(value, places)} ± {half:.{places}f}"
+    return f"{known_to(value, half)} ± {figures(half)}"
 
 
 def new_table(*headings: str, left_columns: int = 1, rows: Iterable[Iterable[str]] = ()) -> Table:
@@ -50,8 +52,12 @@ def new_table(*headings: str, left_columns: int = 1, rows: Iterable[Iterable[str
     return table
 
 
-def result_table(result: DataTable) -> Table:
-    """The columns that are for a reader; texts before the first number are on the left."""
+def result_table(kind: type[R], results: Iterable[R] | Mapping[str, R], key: str = "") -> Table:
+    """A row for each result of one kind, the columns that are for a reader; as `DataTable.of`.
+
+    Texts before the first number are on the left.
+    """
+    result = DataTable.of(kind, results, key)
     left_columns = max(result.text_columns, 1)
     return new_table(*result.headings, left_columns=left_columns, rows=result.reader_rows())
 
@@ -124,26 +130,16 @@ def hanging(line: str, indent: str) -> str:
     return re.sub(ONE_LETTER, lambda _: next(ids), broken)
 
 
-def free_words(degrees: float) -> str:
-    """Degrees of freedom: all digits of the whole ones, however many."""
+def free_words(degrees: float, counted: float | None = None) -> str:
+    """Degrees of freedom: all digits of the whole ones, however many.
+
+    They are effective (GUM G.4) where they are no whole number, or not those that were ``counted``.
+    """
     degrees_words = f"{degrees:.0f}" if degrees >= 100.0 else f"{degrees:.3g}"
-    return f"{degrees_words} degrees of freedom"
+    counted = round(degrees) if counted is None else counted
+    effective = "" if math.isclose(degrees, counted, rel_tol=1e-6) else "effective "
+    return f"{degrees_words} {effective}degrees of freedom"
 
-
-PAGE_HELP = """\
-{page.next}, {page.before}, {page.1} …  the next page, the one before, a page by its number
-{page.copy}  copy the page to the clipboard, a plot as characters
-{page.back}, {app.quit}  back, quit
-Up and down, Page up and Page down scroll a text."""
-"""What keys do on every screen of pages; ids of bindings in braces."""
-
-SIZE_KEYS = """\
-{what_if.smaller}, {what_if.larger}  the size smaller, larger, by a step no larger than its ±
-{what_if.much_smaller}, {what_if.much_larger}  ten times as far
-{what_if.size_before}, {what_if.next_size}  another size, where there are several (> is moved)
-{what_if.nothing}  nothing: the model without it
-{what_if.best}  the size that fits best"""
-"""What keys do where a size is moved."""
 
 KEY_ID = re.compile(r"\{([a-z_-]+\.[a-z0-9_-]+)\}")
 """A key in a text for people, by the id of its binding."""

@@ -10,7 +10,6 @@ from app.evaluating.what_if import Choice, Trial, WhatIf
 from app.report.text.correction import FRAME_WORDS, SUBSET_WORDS
 from app.report.text.tables import (
     LEAST_MM,
-    SIZE_KEYS,
     decimals,
     difference_words,
     expanded,
@@ -23,21 +22,6 @@ from app.report.text.tables import (
 )
 from calib.identify.solution import Solution
 from calib.quantity import Sizes
-
-WHAT_IF_HELP = f"""\
-{SIZE_KEYS}
-{{what_if.adopt}}  adopt: at the size shown, which is then held and not fitted again; after \
-{{what_if.best}} the size stays free and is fitted
-{{what_if.up}}, {{what_if.down}}  scroll the numbers
-{{page.next}}, {{page.1}} …  the next page, a page by its number
-{{page.copy}}  copy the page to the clipboard, a plot as characters
-{{page.back}}, {{app.quit}}  drop it: nothing is written; quit
-
-Offsets and lengths are fitted again at every size, other effects of
-the model, too. Tool, effect not compensated: what the effect
-alone does there, over the workspace. Tool, values without it: what
-the tool is off by if the effect is real and the values found without
-it are entered."""
 
 WHICH = "Which effect?"
 WORKING = "Working out what it does …"

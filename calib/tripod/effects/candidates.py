@@ -60,10 +60,17 @@ class Candidate:
     columns: FloatArray
     shares: tuple[Share, ...] = ()
 
-    def effects(self, values: FloatArray | Sequence[float]) -> tuple[EffectInstance, ...]:
-        """The effects of these values ``(r,)``, for `Model.effects`."""
+    def effects(
+        self, values: FloatArray | Sequence[float], deviations: FloatArray | None = None
+    ) -> tuple[EffectInstance, ...]:
+        """The effects of these values ``(r,)``, for `Model.effects`, with their ``deviations``."""
+        columns = [values] if deviations is None else [values, deviations]
         return tuple(
-            EffectInstance(share.effect, share.place, tuple(float(values[k]) for k in share.values))
+            EffectInstance(
+                share.effect,
+                share.place,
+                *(tuple(float(column[k]) for k in share.values) for column in columns),
+            )
             for share in self.shares
         )
 

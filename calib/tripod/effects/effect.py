@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import permutations
 from typing import Any, Protocol, Self, TypeVar
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import LEG_NAMES, TOOL, Conditions, FloatArray
+from calib.quantity import known_to
 from calib.tripod.pipeline import Flow, Stage, measuring_directions
 
 
@@ -107,11 +108,22 @@ AnyEffect = TypeVar("AnyEffect", bound=Effect)
 
 @dataclass(frozen=True)
 class EffectInstance:
-    """A law at one place with values in its units: an effect for the pipeline."""
+    """A law at one place with values in its units: an effect for the pipeline.
+
+    ``deviations`` are the standard uncertainties of its values, empty where nobody states them.
+    """
 
     effect: Effect
     place: str
     values: tuple[float | complex, ...]
+    deviations: tuple[float, ...] = field(default=(), compare=False)
+
+    def size_words(self, number: int) -> str:
+        """One value with its unit, with no more digits than its uncertainty leaves."""
+        value, unit = self.values[number].real, self.effect.parameters[number].unit
+        if number < len(self.deviations) and self.deviations[number] > 0.0:
+            return f"{known_to(value, 2.0 * self.deviations[number])} {unit}"
+        return f"{value:+.4g} {unit}"
 
     @property
     def id(self) -> str:
@@ -151,10 +163,11 @@ def _remedy(alike: Sequence[EffectInstance]) -> str:
         "along": ", ".join(dict.fromkeys(place[-1] for place in places)),
         "third": ", ".join(dict.fromkeys(third)),
     }
-    for parameter, value in zip(effect.parameters, alike[0].values, strict=True):
-        if value.real < parameter.least:
-            return f"nothing to enter: no machine has {value.real:+.4g} {parameter.unit} of this"
-        labels[parameter.name] = f"{value.real:+.4g} {parameter.unit}"
+    for number, parameter in enumerate(effect.parameters):
+        size = alike[0].size_words(number)
+        if alike[0].values[number].real < parameter.least:
+            return f"nothing to enter: no machine has {size} of this"
+        labels[parameter.name] = size
     return re.sub(r"\{(\w+)\}", lambda match: labels.get(match[1], match[0]), effect.controller)
 
 

@@ -155,6 +155,14 @@ def test_a_history_is_shown_in_one_way(tmp_path: Path) -> None:
     assert not page.exists()
 
 
+def test_a_history_is_written_as_a_page_alone(tmp_path: Path) -> None:
+    """Before: HTML went into a file for text."""
+    message = refused(2, "history", tmp_path, "-o", tmp_path / "h.txt")
+    assert "h.txt. Allowed: a path that ends with .html" in message
+    assert not (tmp_path / "h.txt").exists()
+    assert "no session file" in refused(3, "history", tmp_path, "-o", "-")
+
+
 def test_weights_of_the_linear_method_are_refused_with_the_exact_one(samples: Path) -> None:
     """Before: they were ignored in silence."""
     session = samples / "experiment_2_twelve.jsonl"

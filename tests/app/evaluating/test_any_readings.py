@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from app.evaluating.diagnosis import diagnose_sessions
 from app.evaluating.solution import solve_sessions
-from app.report.schema.diagnosis import DiagnosisReport, DiagnosisResults
+from app.report.schema.diagnosis import DiagnosisReport
 from app.report.schema.document import to_json
-from app.report.schema.solution import SolutionReport, SolutionResults
+from app.report.schema.solution import SolutionReport
 from app.report.text.diagnosis import diagnosis_text
 from app.report.text.result import solution_text
 from calib.errors import GlidecalError
@@ -70,15 +70,13 @@ def check_answer(name: str, kept: list[bool], factor: float, outlier_mm: float) 
 
 def solution_of(session: Session) -> tuple[str, str]:
     result = solve_sessions([session])
-    return solution_text(result), to_json(
-        SolutionReport.of(SolutionResults(result, None, None, None))
-    )
+    return solution_text(result), to_json(SolutionReport.of(result, None, None, None))
 
 
 def diagnosis_of(session: Session) -> tuple[str, str]:
     diagnosed = diagnose_sessions([session])
-    results = DiagnosisResults(diagnosed, None, None)
-    return diagnosis_text(diagnosed, None), to_json(DiagnosisReport.of(results))
+    report = DiagnosisReport.of(diagnosed, None, None)
+    return diagnosis_text(diagnosed, None), to_json(report)
 
 
 def numbers_in(part: object) -> Iterator[float]:

@@ -13,7 +13,7 @@ import pytest
 
 from app.evaluating.solution import SessionSolution, judge, solve_files
 from app.report.schema.document import to_json
-from app.report.schema.solution import SolutionReport, SolutionResults
+from app.report.schema.solution import SolutionReport
 from app.report.text.glance import glance_text
 from app.report.text.result import solution_text
 from calib.posterior.correction import Holds
@@ -80,7 +80,7 @@ def solved_for(
 
 def answered(session: Path, holds: Holds = "offsets", frame: Frame | None = None) -> dict[str, Any]:
     """``correction`` as solve --json has it."""
-    document = SolutionReport.of(SolutionResults(solved_for(session, holds, frame)))
+    document = SolutionReport.of(solved_for(session, holds, frame), None, None, None)
     correction: dict[str, Any] = json.loads(to_json(document))["correction"]
     return correction
 

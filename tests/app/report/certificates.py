@@ -9,7 +9,8 @@ import pytest
 from PIL import Image
 
 from app.report.certificate import CertificateHead, calibration_of
-from app.report.pages.contents import CalibrationReport, report_from
+from app.report.pages.contents import report_from
+from app.report.pages.two_pages import CalibrationReport
 
 LABORATORY = """\
 [laboratory]

@@ -13,9 +13,8 @@ from typing import Annotated
 import pytest
 from pydantic import TypeAdapter
 
-from app.report.pages.history import HistoryPage
 from app.report.pages.report import html_of
-from app.report.pages.two_pages import Section
+from app.report.pages.two_pages import PrintedPage, Section
 from app.report.schema.document import Report, Source, to_json
 from app.report.text.tables import result_table, table_text
 from calib.quantity import Quantity
@@ -67,8 +66,10 @@ def forms(kind: type[Play], joints: tuple[Play, ...], document: Report) -> dict[
         "schema": json.dumps(
             TypeAdapter(type(document)).json_schema(mode="serialization"), ensure_ascii=False
         ),
-        "terminal": table_text(result_table(table)),
-        "page": html_of(HistoryPage("toys", [], [Section("Joints", [result_table(table)])])),
+        "terminal": table_text(result_table(kind, joints)),
+        "page": html_of(
+            PrintedPage("toys", "", [], [Section("Joints", [result_table(kind, joints)])])
+        ),
         "notebook": table._repr_html_(),
         "spreadsheet": csv,
     }

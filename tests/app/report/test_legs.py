@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 import glidecal
 from app.report.charts.legs import LegFigure, scale_words
 from app.report.pages.notebook import SessionFigures
+from calib.errors import UsageError
 from tests.app.cli import glidecal as command
 from tests.conftest import LONG, SAMPLES
 from tests.hidden_sessions import write_session
@@ -100,6 +101,8 @@ def test_a_notebook_shows_it_and_draws_it_on_axes(figures: SessionFigures) -> No
         assert words.count(leg.title) == 1
         assert leg.left.title in words
     above, below = Figure().subplots(2)
+    with pytest.raises(UsageError, match=r"99.*0 to 5"):
+        figures.draw(99, above, below)
     figures.draw(1, above, below)
     assert above.get_title(loc="left") == figures.legs[1].title
     curves = {line.get_label(): list(line.get_ydata()) for line in above.lines}

@@ -27,10 +27,9 @@ from app.evaluating.solution import judge, solve_files
 from app.report.certificate import CertificateHead
 from app.report.charts.charts import Chart, Series
 from app.report.charts.results import residuals_before_and_after
-from app.report.pages.contents import CalibrationReport
 from app.report.pages.figures import svg_of
 from app.report.pages.report import WIDTH_EM, html_of, pdf_of, widths_em
-from app.report.pages.two_pages import Picture, Section
+from app.report.pages.two_pages import CalibrationReport, Picture, Section
 from app.report.text.tables import new_table
 from calib.errors import UsageError, extra
 from calib.printable import HIDDEN, printable
@@ -312,8 +311,8 @@ def _report_with(words: str) -> CalibrationReport:
     )
     order = CertificateOrder.model_construct(number=words, signed_by=words)
     head = CertificateHead(order, laboratory, None)
-    pages = [section], [section, section], [section]
-    return CalibrationReport(words, words, [words], *pages, words, head)
+    pages = [section], [section, section]
+    return CalibrationReport(words, words, [words], [section], words, *pages, head)
 
 
 PLAIN = [tag for tag, _ in Page(html_of(_report_with("plain"))).elements]

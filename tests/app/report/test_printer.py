@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -162,6 +163,18 @@ def test_what_to_turn_is_told_in_words_of_a_printer(
     assert line.startswith(words)
     (elsewhere,) = tower_remedies([effect], {})
     assert "tower" not in elsewhere
+
+
+def test_what_to_turn_has_no_more_digits_than_its_uncertainty() -> None:
+    """The last digit is the second one of ±, 95 %."""
+    play = EffectInstance(Backlash(), "z", (0.0812,), (0.11,))
+    assert tower_remedies([play], TOWERS)[0].startswith(
+        "belt or joints of tower c are slack by 0.08 "
+    )
+    belt = EffectInstance(ActuatorScale(), "y", (5.0,), (4.0,))
+    (line,) = tower_remedies([belt], TOWERS)
+    assert "(Klipper) by 1.00500, or" in tower_remedies([replace(belt, deviations=())], TOWERS)[0]
+    assert "(Klipper) by 1.0050, or its steps per mm (M92) by 0.9950;" in line
 
 
 def test_a_belt_that_is_put_right_makes_steps_as_long_as_they_are() -> None:

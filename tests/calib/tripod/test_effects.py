@@ -514,6 +514,16 @@ def test_remedies_tell_what_to_enter_and_at_which_joints() -> None:
     assert remedy.endswith("or shim axis z against y by +0.2 mm")
 
 
+@pytest.mark.parametrize(
+    ("deviation", "words"), [(0.0, "-7.146 %"), (11.0, "-7 %"), (0.12, "-7.15 %"), (90.0, "-10 %")]
+)
+def test_a_remedy_has_no_more_digits_than_its_uncertainty(deviation: float, words: str) -> None:
+    """Before: -7.146 % beside a gain of -7 ± 22 %; the last digit is the second one of ±."""
+    law = next(law for law in EVERY if law.id == "gauge_gain")
+    (remedy,) = remedies([EffectInstance(law, "xy", (-7.146,), (deviation,))])
+    assert remedy.endswith(f"it is {words} off")
+
+
 def test_every_effect_says_what_to_do() -> None:
     for law in EVERY:
         place = "xy" if law.stage != Stage.ACTUATOR else "x"

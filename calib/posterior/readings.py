@@ -115,7 +115,6 @@ def rows_of(
         return np.concatenate([values[0][3:], *(of_session[:3] for of_session in values)])
 
     free = len(rows) + sum(len(cells.apart) for cells in sessions)
-    free += sum(map(len, measured))
     free -= sum(set_up_unknowns(cells.means) + 3 for cells in sessions)
     freedom = sum(cells.freedom for cells in sessions)
     cells_count = sum(map(len, parts))

@@ -11,10 +11,11 @@ import pytest
 
 from calib.arrays import FloatArray, observe, tool_conditions
 from calib.noise.reading import IndicatorFigures
-from calib.posterior.cells import SessionCase
+from calib.posterior.cells import Cells, SessionCase
 from calib.posterior.distances import Distances
 from calib.posterior.models import Posterior
 from calib.posterior.posterior import posterior
+from calib.posterior.readings import rows_of
 from calib.tripod.effects.drives import AxisOffset
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.gauges import GaugeGain
@@ -227,6 +228,17 @@ def test_each_distance_counts_by_its_own_deviation() -> None:
         for distances in (sound, loose, wild)
     ]
     assert abs(results[1] - results[0]) < 0.2 * abs(results[2] - results[0])
+
+
+def test_a_distance_is_one_value_more() -> None:
+    """Student's t of all values has one degree of freedom for each, whatever was measured."""
+    case = touched(OFF, np.random.default_rng(1), WITH_RADIUS)
+    distances = measured(OFF, np.random.default_rng(2))
+    contacts, both = (
+        rows_of([Cells.of(session)], [session.model], [{}])
+        for session in (case, replace(case, distances=distances))
+    )
+    assert both.free - contacts.free == len(both.residual) - len(contacts.residual) == len(FIRST)
 
 
 def test_what_a_wild_distance_leaves_is_its_own() -> None:

@@ -24,6 +24,7 @@ from app.machines.options import (
     Protocol,
     Seed,
     argument,
+    check_ending,
     figure,
     file,
     machine_option,
@@ -114,6 +115,7 @@ def run(
     from protocols.record import read_record
 
     refuse_beside_continue(context)
+    check_ending(output, ".jsonl")
     family = family_of(machine) if machine else family_of_files(None, [resume] if resume else [])
     options = options_of(context, family, f"the machine {machine or family.name}", machine_options)
     if family.sessions is not None:
@@ -416,6 +418,7 @@ def align(
     from protocols.procedure import ALL_AXES, procedure_on
     from protocols.record import read_record
 
+    check_ending(output, ".jsonl")
     rail = next((letter for letter in ALL_AXES if reference and letter == reference.lower()), None)
     if rail is None and reference is not None:
         raise UsageError("--reference", repr(reference), "x, y or z")

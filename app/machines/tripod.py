@@ -21,6 +21,7 @@ from app.machines.options import (
     PrintableRadius,
     Protocol,
     SubsetName,
+    check_ending,
     deliver,
     figure,
     file,
@@ -156,6 +157,7 @@ def simulate(
     from app.measuring.simulated import simulated_of_files
     from protocols.journal import write_whole
 
+    check_ending(output, ".jsonl")
     simulated = simulated_of_files(
         protocol,
         machine,

@@ -73,13 +73,14 @@ def test_what_the_joints_hold_is_refused_with_its_limit(tmp_path: Path, samples:
 
 def test_a_session_has_its_ending(tmp_path: Path) -> None:
     """Before: it was written, and no folder of sessions showed it."""
-    for machine, table in (
-        ((), SAMPLES / "tables" / "experiment_1_six.csv"),
-        (
-            ("--machine", "hexaslide", "--protocol", "position"),
-            SAMPLES / "hexaslide" / "before.csv",
-        ),
+    hexaslide = ("--machine", "hexaslide", "--protocol", "position")
+    for verb in (
+        ("import", SAMPLES / "tables" / "experiment_1_six.csv"),
+        ("import", SAMPLES / "hexaslide" / "before.csv", *hexaslide),
+        ("simulate",),
+        ("run", "--simulated", "--headless"),
+        ("align", "--simulated"),
     ):
-        message = refused(2, "import", table, *machine, "-o", tmp_path / "s.txt")
+        message = refused(2, *verb, "-o", tmp_path / "s.txt")
         assert message.endswith("s.txt. Allowed: a path that ends with .jsonl.")
     assert not (tmp_path / "s.txt").exists()

@@ -149,19 +149,19 @@ class CommandOfMachines(TyperCommand):
 def options_of(
     context: typer.Context,
     family: Family,
-    found: str,
+    kind_words: str,
     values: dict[str, Any],
     words_of: Callable[[Family], str] = lambda family_beside: f"the machine {family_beside.name}",
 ) -> dict[str, Any]:
     """What was given of the options of a kind. Raises UsageError for those of others alone.
 
-    ``found`` says what they were given with, ``words_of`` what of another kind takes them.
+    ``kind_words`` says what they were given with, ``words_of`` what of another kind takes them.
     """
     verb = context.command.name or ""
     own_options = _own(family, verb)
     for family_beside in FAMILIES:
         if wrong := typed(context, _own(family_beside, verb).keys() - own_options.keys()):
-            raise UsageError(wrong, found, words_of(family_beside))
+            raise UsageError(wrong, kind_words, words_of(family_beside))
     return {name: values[name] for name in own_options}
 
 

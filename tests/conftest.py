@@ -40,8 +40,8 @@ SAMPLES = ROOT / "sample_sessions"
 PATIENCE_S = 30.0
 
 LONG = pytest.mark.long
-"""Run by `make test-long` alone: what takes a second or more where quick tests go the same way, and
-further cases."""
+"""Run by `make test-long` alone: further cases, and what takes half a second or more where quick
+tests go the same way."""
 
 needs_links = pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
 

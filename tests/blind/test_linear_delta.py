@@ -11,7 +11,7 @@ from app.commands.sessions import import_files
 from app.evaluating.diagnosis import diagnose_files
 from calib.diagnosis.results import Diagnosis
 from tests.blind.linear_delta import Hidden, table
-from tests.conftest import first_quick
+from tests.conftest import LONG
 
 PLAIN = Hidden(offset_mm=(0.2, -0.15, 0.1), length_mm=(0.1, -0.05, 0.08))
 HIDDEN = {
@@ -31,8 +31,9 @@ def diagnosed(folder: Path, hidden: Hidden, seed: int) -> Diagnosis:
     return diagnose_files([path]).diagnosis
 
 
-@pytest.mark.parametrize("seed", first_quick([1, 2]))
-@pytest.mark.parametrize("effect", first_quick(list(HIDDEN)))
+@LONG
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("effect", list(HIDDEN))
 def test_what_is_hidden_is_named_or_among_the_names(tmp_path: Path, effect: str, seed: int) -> None:
     """Never another name alone; nothing is called nothing."""
     diagnosis = diagnosed(tmp_path, HIDDEN[effect], seed)

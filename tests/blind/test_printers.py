@@ -20,7 +20,8 @@ EASY = {"switches": 0.6, "arms ±0.25 each": 0.3, "plate 3 mrad askew": 1.0}
 """Cases that contacts with a plate tell from others, and what may be left, over the best peer's."""
 
 
-@pytest.mark.parametrize("name", first_quick(CASES))
+@LONG
+@pytest.mark.parametrize("name", CASES)
 def test_the_tool_is_better_than_before_and_keeps_its_bound(name: str, tmp_path: Path) -> None:
     random = np.random.default_rng([2, len(name)])
     result = calibrated(CASES[name](random), random, tmp_path)

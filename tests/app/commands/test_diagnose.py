@@ -292,6 +292,7 @@ def test_many_readings_of_one_posture_are_refused(tmp_path: Path) -> None:
     assert "no two postures of one mounting" in refused(5, "diagnose", session)
 
 
+@LONG
 def test_an_indicator_that_reads_one_value_is_asked_about(tmp_path: Path, samples: Path) -> None:
     """Its readings fit a bar that leans and bows; no other set-up of that session is named."""
     with (samples / "tables" / "experiment_2_twelve.csv").open(encoding="utf-8") as table:

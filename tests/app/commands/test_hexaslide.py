@@ -24,6 +24,7 @@ from calib.hexaslide.planning import HexaSlideSeen, look_at
 from calib.hexaslide.procedures import Procedure, held_postures
 from protocols.hexaslide import load_hexaslide, load_postures
 from tests.app.cli import glidecal, refused
+from tests.conftest import LONG
 
 TEXT = (resources.files("protocols") / "machines" / "hexaslide-h60.toml").read_text("utf-8")
 VERB = ("identifiability", "hexaslide", "--procedure")
@@ -199,6 +200,7 @@ def test_postures_that_cannot_be_are_told(tmp_path: Path) -> None:
     assert "a singular one" in refused(5, *VERB, "position", "--machine-file", machine)
 
 
+@LONG
 def test_postures_before_and_after() -> None:
     verb = ("postures", "hexaslide", "--procedure", "pose-inverse", "--count", "9")
     report = json.loads(glidecal(*verb, "--criterion", "condition", "--starts", "1", "--json").out)

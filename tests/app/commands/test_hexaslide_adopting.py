@@ -139,6 +139,7 @@ def test_a_cause_that_explains_the_rest_does_not_hinder_a_pass(scaled: Measured)
     assert "something that the model does not have" in " ".join(caveats(document))
 
 
+@LONG
 def test_a_model_is_shown_extended_held_and_reduced(scaled: Measured, tmp_path: Path) -> None:
     model = tmp_path / "m.json"
     content = json.loads(scaled.model.read_text("utf-8"))

@@ -238,6 +238,7 @@ def test_values_and_lengths_are_of_all_postures_also_without_a_stated_noise(tmp_
     assert "Values and bound above are of these postures, too." in text
 
 
+@LONG
 def test_lengths_to_enter_that_are_none_of_the_machine_are_said(tmp_path: Path) -> None:
     """A scale of a rail, which the machine file cannot hold, is in what is entered instead."""
     path, _ = written(tmp_path, "position", 60)
@@ -272,6 +273,7 @@ def test_a_wrong_reading_is_located_and_left_out(tmp_path: Path) -> None:
         assert parameter["value"] == pytest.approx(alone["parameters"][name]["value"], abs=1e-9)
 
 
+@LONG
 def test_many_wrong_readings_are_warned_of(tmp_path: Path) -> None:
     """More than can be told apart: none is left out, and what is left says so."""
     path, _ = written(tmp_path, "pose-inverse", 30)
@@ -284,6 +286,7 @@ def test_many_wrong_readings_are_warned_of(tmp_path: Path) -> None:
     assert "WARNING: what is left is" in calibration_text(calibrate_file(path, None, 0.0))
 
 
+@LONG
 def test_a_measured_subset_and_a_machine_of_ones_own(tmp_path: Path) -> None:
     path, truth = written(tmp_path, "pose-forward", 40, measured=("x", "y", "z", "theta"))
     report = document(path, truth)
@@ -375,6 +378,7 @@ def test_combinations_that_are_no_motion_of_a_frame_are_told(tmp_path: Path) -> 
     assert "more combinations" not in "\n".join(caveats(frames))
 
 
+@LONG
 def test_postures_of_a_file_are_measured(tmp_path: Path) -> None:
     """The best postures show more than as many random ones, and those of a file are taken."""
     box = load_hexaslide(None).whole().box

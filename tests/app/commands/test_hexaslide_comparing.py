@@ -32,6 +32,7 @@ def document(first: Path, second: Path) -> dict[str, Any]:
     return report
 
 
+@LONG
 def test_a_machine_whose_file_was_calibrated_is_the_same_machine(tmp_path: Path) -> None:
     """The other file has other numbers for everything, and frames that nothing shows."""
     before, after = before_and_after(tmp_path)
@@ -54,6 +55,7 @@ def test_a_machine_whose_file_was_calibrated_is_the_same_machine(tmp_path: Path)
     assert "Laid over, for no reading shows it: platform frame turned" in text
 
 
+@LONG
 def test_play_that_came_is_a_change(tmp_path: Path) -> None:
     before = hidden_session(tmp_path / "before.jsonl", SOUND)
     after = hidden_session(tmp_path / "after.jsonl", Hidden("backlash", 1, 1e-4), take=1)
@@ -85,6 +87,7 @@ def _halves(
     return before, after
 
 
+@LONG
 def test_an_effect_that_both_sessions_have_is_no_change(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -143,6 +143,7 @@ def test_displacements_in_metres_get_an_answer_with_a_warning(tmp_path: Path) ->
     )
 
 
+@LONG
 def test_a_leg_in_micrometres_has_values_though_no_set_fits(tmp_path: Path) -> None:
     """What is entered is that of the likeliest labels, in every answer; the sets know no labels."""
     table = rows(scatter_mm=0.002, digits=4)

@@ -362,6 +362,7 @@ def test_a_procedure_without_a_description_leaves_no_gap_in_its_sentence() -> No
     assert "about 10 minutes. Every repeat" in text
 
 
+@LONG
 def test_plan_goes_to_the_legs_that_were_not_measured(tmp_path: Path) -> None:
     path, session = tmp_path / "p.toml", tmp_path / "s.jsonl"
     text = MAX_MIN.replace('["max", "min"]', '["zero", "max", "min"]')

@@ -18,6 +18,7 @@ from tests.app.cli import glidecal, refused
 from tests.conftest import LONG, ROOT
 
 
+@LONG
 def test_another_set_comes_from_the_choice_and_tells_what_a_solution_of_its_own_tells(
     samples: Path,
 ) -> None:
@@ -61,6 +62,7 @@ def test_a_guard_band_leaves_some_undecided(samples: Path) -> None:
     assert "undecided with these values" in " ".join(run.out.split())
 
 
+@LONG
 def test_a_stated_noise_is_simulated_as_stated(samples: Path) -> None:
     session = samples / "experiment_2_twelve.jsonl"
     run = glidecal("solve", session, "--json", "--monte-carlo", "4000")

@@ -142,6 +142,7 @@ def written(paths: list[Path]) -> tuple[Mapping[str, float], str]:
     return values, text
 
 
+@LONG
 def test_offsets_of_a_model_take_over_what_the_file_cannot_hold(sagging: Path) -> None:
     of_session, _ = written([sagging])
     of_model, text = written([adopted(sagging)])

@@ -52,6 +52,7 @@ def test_the_size_that_is_entered_is_that_of_the_readings(session: Path, tmp_pat
     assert solved.correction.bound_mm == pytest.approx(bounds_mm[0], rel=1e-9)
 
 
+@LONG
 def test_a_plan_is_made_of_the_same_posterior(session: Path, tmp_path: Path) -> None:
     path = model(tmp_path)
     sessions, _ = load_sessions([session])

@@ -73,6 +73,7 @@ def test_nothing_hidden_agrees_and_nothing_of_an_indicator_is_ever_named(tmp_pat
     assert {"plate_tilt", "backlash", "actuator_scale"} <= of_indicators
 
 
+@LONG
 def test_readings_of_an_indicator_keep_its_names(tmp_path: Path) -> None:
     result = diagnose_sessions([session(tmp_path, table(Hidden(), 1))])
     ids = names(result.corrections.posterior, result.diagnosis)

@@ -113,6 +113,7 @@ def meeting(drives: FloatArray, joints: FloatArray, start: FloatArray) -> FloatA
     return np.asarray(root(too_far, start).x)
 
 
+@LONG
 def test_every_effect_of_a_diagnosis_can_be_tried() -> None:
     """Refused before: what does nothing on a machine without errors, as a wrong gain, what is
     beside the catalogue, and one direction of a drive.

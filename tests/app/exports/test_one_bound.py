@@ -94,6 +94,7 @@ def test_every_file_states_the_bound_of_what_it_holds(
     assert true_mm > 0.02 or HOLDS[kind] == "kinematics", "else this test shows nothing"
 
 
+@LONG
 def test_a_model_file_says_nothing_of_files_that_hold_less(folder: Path, tmp_path: Path) -> None:
     """The bound that it carries is that of the whole model, and nothing can work out another."""
     arguments = ("--format", "model", "--model", folder / "m.json", "--subset", "joint-offsets")

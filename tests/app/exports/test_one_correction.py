@@ -206,6 +206,7 @@ def test_the_frame_changes_the_values_and_stands_beside_them(tilt: Path, tmp_pat
     assert "with these values, for an aligned workpiece;" in document["cautions"][0]
 
 
+@LONG
 def test_the_frame_of_the_machine_file_is_taken(tilt: Path, tmp_path: Path) -> None:
     record = tmp_path / "aligned.jsonl"
     machine = tmp_path / "m.toml"

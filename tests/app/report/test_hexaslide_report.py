@@ -125,6 +125,7 @@ def test_nothing_is_entered_that_is_not_shown_to_be_better(
     assert "Enter the calibrated machine" in words(html_of(source_of_postures(pair[0]).page()))
 
 
+@LONG
 def test_what_fits_badly_does_not_pass_and_says_why(
     pair: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -173,6 +174,7 @@ def test_what_a_report_of_postures_does_not_take(pair: tuple[Path, Path], tmp_pa
     assert not output.exists()
 
 
+@LONG
 def test_too_few_spare_readings_are_said(tmp_path: Path) -> None:
     """With whole postures without noise nothing can be diagnosed, and the report says so."""
     path = posture_session(tmp_path / "s.jsonl", "pose-forward", 3)

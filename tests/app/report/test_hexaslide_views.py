@@ -19,6 +19,7 @@ from calib.hexaslide.procedures import Procedure, ProcedureKind
 from calib.hexaslide.search import Search, searches
 from protocols.hexaslide import load_hexaslide
 from tests.app.cli import refused
+from tests.conftest import LONG
 
 LINK_M = 0.88
 VERB = ("identifiability", "hexaslide", "--procedure", "position", "--screen")
@@ -130,6 +131,7 @@ def test_degrees_change_the_rows_of_angles_alone() -> None:
     assert turned[:, 3:] == pytest.approx(np.degrees(rows.reshape(20, 6, -1)[:, 3:]))
 
 
+@LONG
 def test_a_search_begins_at_the_random_postures_of_its_seed(machine: HexaSlide) -> None:
     procedure = Procedure.of("pose-inverse")
     (optimum,) = searches(procedure, machine, 9, Search(seed=3, starts=1))

@@ -109,6 +109,7 @@ def test_json_has_what_the_page_has(tmp_path: Path) -> None:
     assert report["something_missing"] == ("missing from the model" in verified(before, after))
 
 
+@LONG
 def test_the_report_has_the_lines_of_the_drives(tmp_path: Path) -> None:
     """Before: only the terminal had their uncertainty, of a delta and of a printer."""
     printer = session_of(tmp_path, m503(true.OFF_IN_ALL, 2))

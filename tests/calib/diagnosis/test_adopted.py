@@ -16,7 +16,7 @@ from calib.tripod.effects.drives import ActuatorCyclic
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
 from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, names, possible
-from tests.conftest import LONG, first_quick
+from tests.conftest import LONG
 
 PLAY = LAWS["backlash"]
 
@@ -40,7 +40,8 @@ def value_and_deviation(posterior: Posterior, law: tuple[object, str]) -> tuple[
     return middle, float(np.sqrt(square))
 
 
-@pytest.mark.parametrize("observations", first_quick([SWEEP, TWO_STATION]))
+@LONG
+@pytest.mark.parametrize("observations", [SWEEP, TWO_STATION])
 def test_a_wrong_size_of_the_model_is_found_again(observations: object) -> None:
     session = case(observations, EffectInstance(PLAY, "z", (0.05,)), seed=4)  # type: ignore[arg-type]
     free = posterior([adopted(session, EffectInstance(PLAY, "z", (0.03,)))])

@@ -97,6 +97,7 @@ def test_a_rival_of_the_same_name_is_told_by_its_place() -> None:
     assert words.endswith("or instead axis_offset, leg_taper (xy). These readings cannot decide.")
 
 
+@LONG
 def test_a_law_that_leaves_more_than_there_was_is_not_stated() -> None:
     """An indicator whose sign is reversed on two legs: no law of travel explains that."""
     session = case(SHORT, seed=2)

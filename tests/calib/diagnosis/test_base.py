@@ -124,6 +124,7 @@ def test_lengths_found_in_two_sessions_serve_a_third() -> None:
     assert together == pytest.approx(total, rel=2e-4)
 
 
+@LONG
 def test_sessions_of_different_bars_are_told() -> None:
     bars: tuple[Triple, ...] = ((0.1, -0.1, 0.05), (-0.6, -0.5, 0.7))
     sessions = [session(TWO_STATION, bar, seed=k) for k, bar in enumerate(bars)]

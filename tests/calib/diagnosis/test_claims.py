@@ -127,6 +127,7 @@ def test_equal_weights_keep_the_order_of_names() -> None:
         assert answer.rivals == {BOW: (TAPER,)}
 
 
+@LONG
 def test_claims_of_a_posterior_are_its_models_read_one_by_one() -> None:
     """With a mistake among the names, and a law without a name on one side."""
     session = case(SHORT, EffectInstance(LAWS["backlash"], "z", (0.02,)), seed=5)

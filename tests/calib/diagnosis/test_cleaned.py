@@ -207,6 +207,7 @@ def test_a_wild_reading_in_an_exchanged_table_is_out_where_it_was_written() -> N
     assert key(right.observations) == key(expected)
 
 
+@LONG
 def test_only_the_session_with_the_mistake_is_changed() -> None:
     good, second_case = case(SHORT, seed=1), case(SHORT, seed=2)
     value = times("yz", -1.0)(second_case.observations, second_case.observations.value_mm.copy())

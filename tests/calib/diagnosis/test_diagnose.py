@@ -126,6 +126,7 @@ def test_a_model_that_has_the_effect_agrees() -> None:
     assert diagnosis.verdict == "agrees"
 
 
+@LONG
 def test_an_effect_out_of_the_catalogue_is_not_given_a_name_with_confidence() -> None:
     laws = [effect for effect in CATALOGUE if effect.id not in ("backlash",)]
     diagnosis = diagnose([case(TWO_STATION, EffectInstance(LAWS["backlash"], "x", (0.05,)))], laws)
@@ -165,6 +166,7 @@ def test_blunders_are_named_and_the_data_left_alone(change: object, name: str, w
     assert np.array_equal(wrong.value_mm, before)
 
 
+@LONG
 def test_a_near_alias_is_a_rival_of_a_small_effect_and_none_of_a_large_one() -> None:
     """Sag has 99 % of the direction of scale: a matter of size, not of the procedure alone."""
 

@@ -19,6 +19,7 @@ from calib.posterior.cells import Cells
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, derivatives
 from tests.calib.diagnosis.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case
+from tests.conftest import LONG
 
 STEP_MM = 1e-4
 STEPS = 4
@@ -102,6 +103,7 @@ def test_a_gap_is_that_of_dense_least_squares(
     )
 
 
+@LONG
 def test_gap_of_pure_noise_is_chi_squared() -> None:
     """Mean of gap / freedom over many sessions is 1 within its own scatter."""
     ratio, noise_df = [], []

@@ -190,6 +190,7 @@ def test_a_steady_drift_is_no_slip_whatever_the_play(
         assert "stand_slip" not in {mistake.id for mistake in mistakes(diagnosis)}
 
 
+@LONG
 def test_a_wrong_label_that_leaves_no_repeat() -> None:
     """+41 mm is never approached from below; the reading stands alone and its neighbour turns."""
     session = case(SWEEP, seed=2)
@@ -435,6 +436,7 @@ def test_a_repeat_that_fits_elsewhere_is_not_moved_when_others_show_the_wild_one
     assert left_out(diagnosis, len(observations)) == [wild]
 
 
+@LONG
 def test_a_reading_of_heavy_tails_is_not_moved() -> None:
     """Too near to be called wild: that it fits another place as well proves nothing."""
     session = case(SWEEP, seed=3)
@@ -496,6 +498,7 @@ def test_heavy_tails_hold_no_wrong_labels(conditions: Observations, count: int) 
         assert "label_error" not in {effect.id for effect in mistakes(diagnosis)}
 
 
+@LONG
 def test_two_wrong_labels_are_both_told() -> None:
     session = case(SHORT, seed=4)
     observations = session.observations

@@ -116,6 +116,7 @@ def test_an_error_without_a_name_repeats_or_does_not() -> None:
     assert shared_pattern([Cells.of(case(SWEEP, seed=1)), Cells.of(alike[0])]) is None
 
 
+@LONG
 def test_the_diagnosis_says_that_a_nameless_error_repeats() -> None:
     diagnosis = diagnose([session(1, shape(7)), session(2, shape(7))], CATALOGUE)
     assert diagnosis.verdict in ("unexplained", "partly-explained")

@@ -47,6 +47,7 @@ def test_a_pair_of_drives_has_a_name_only_beyond_its_tolerance(
     assert names == (set() if verdict == "agrees" else {("axis_squareness", "xy")})
 
 
+@LONG
 def test_bars_that_are_stated_in_the_likeliest_way_keep_their_name(tmp_path: Path) -> None:
     """Models of other ways stand beside it: there a bar is beyond the tolerance that it has."""
     csv = tmp_path / "t.csv"

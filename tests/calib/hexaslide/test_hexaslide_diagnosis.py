@@ -26,7 +26,7 @@ from tests.blind.hexaslide import (
     measured,
 )
 from tests.blind.hexaslide_correction import off_mm
-from tests.conftest import LONG, first_quick
+from tests.conftest import LONG
 
 FILE = load_hexaslide()
 SEEN = (
@@ -74,7 +74,8 @@ def moved_frame(
     return values
 
 
-@pytest.mark.parametrize("kind", first_quick(("position", "pose-forward")))
+@LONG
+@pytest.mark.parametrize("kind", ["position", "pose-forward"])
 def test_another_frame_of_the_tracker_is_named_and_bends_no_parameter(kind: str) -> None:
     """Shifted and turned by so little that no posture alone departs from what is expected."""
     chance = np.random.default_rng(4)
@@ -147,6 +148,7 @@ def test_sound_machines_are_not_accused() -> None:
     assert agreed >= 7
 
 
+@LONG
 def test_hidden_machines_of_the_bench() -> None:
     """A part of it: nobody is accused wrongly, the truth is in the set."""
     inside = 0

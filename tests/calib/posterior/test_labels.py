@@ -151,6 +151,7 @@ def test_a_stand_that_settles_after_its_first_take_is_no_play(off_mm: float) -> 
     assert sum(share for (id_, _), share in answer.places.items() if id_ == "backlash") < 0.1
 
 
+@LONG
 def test_weights_of_all_ways_to_put_a_session_right_are_one() -> None:
     session = case(SHORT, seed=3)
     first, second = rows_of(SHORT, "zx"), rows_of(SHORT, "zy")
@@ -170,6 +171,7 @@ def test_a_mistake_in_one_of_two_sessions_is_that_of_the_one() -> None:
         assert named(posterior(sessions)) == [("gauge_sign", "yz")]
 
 
+@LONG
 def test_where_the_noise_is_stated_a_mistake_is_named_all_the_same() -> None:
     """Log evidences have another origin there: below zero."""
     session = case(SWEEP, seed=1)

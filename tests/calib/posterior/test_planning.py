@@ -182,6 +182,7 @@ def play_or_screw() -> Planner:
     return planner_of(case)
 
 
+@LONG
 def test_the_best_a_minute_come_first(play_or_screw: Planner) -> None:
     bound_mm = play_or_screw.bound_mm
     assert bound_mm == play_or_screw.correction.off.bound_mm["touched-off"]

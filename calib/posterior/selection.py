@@ -281,14 +281,18 @@ class ModelSelection:
             scale = np.rint(np.log(sizes) / math.log(SCALES[1]))
             scale = np.clip(scale, 0, len(SCALES) - 1).astype(np.intp)
             grids.append((pairs, index, widths, self._log_weights(pairs, index, widths, scale)))
-        logs = np.sort(np.concatenate([np.zeros(0), *(log for *_, log in grids)]))
+        logs = np.concatenate([np.zeros(0), *(log for *_, log in grids)])
         if not len(logs):
             return {}
-        least = max(logs[-PAIRS:][0], logs[-1] - FAR_BEHIND)
+        is_best = logs > logs.max() - FAR_BEHIND
+        is_best[np.argsort(-logs, kind="stable")[PAIRS:]] = False  # all may weigh the same
         weights: dict[Key, float] = {}
         scale_pairs = np.array([*product(range(len(SCALES)), repeat=2)])
-        for pairs, index, widths, log in grids:
-            best = np.repeat(np.flatnonzero(log >= least), len(scale_pairs))
+        ends = np.cumsum([len(log) for *_, log in grids])
+        for (pairs, index, widths, _), among in zip(
+            grids, np.split(is_best, ends[:-1]), strict=True
+        ):
+            best = np.repeat(np.flatnonzero(among), len(scale_pairs))
             scale = np.resize(scale_pairs, (len(best), 2))
             values = self._log_weights(pairs[best], index[best], widths, scale)
             weighed = zip(pairs[best].tolist(), scale.tolist(), values.tolist(), strict=True)

@@ -81,9 +81,13 @@ async def test_a_large_folder_is_shown_before_all_of_it_is_worked_out(tmp_path: 
 @LONG
 async def test_entered_offsets_are_a_line_in_the_plot(tmp_path: Path) -> None:
     record = read_record(SESSION)
-    readings: list[Line] = [event for event in record.events if isinstance(event, Reading)]
     for month in range(3):
         machine = record.opened.machine
+        readings: list[Line] = [  # others each time: the same table is one session
+            event.model_copy(update={"value_mm": event.value_mm + 1e-5 * month, "text": f"{month}"})
+            for event in record.events
+            if isinstance(event, Reading)
+        ]
         if month > 1:
             machine = machine.model_copy(update={"entered_offsets_mm": (0.1, 0.0, 0.0)})
         when = record.opened.at + timedelta(days=30 * month)

@@ -27,7 +27,7 @@ from calib.errors import UsageError
 from protocols.effect_entries import EffectEntry, ParameterEntry
 from protocols.model_file import ModelFile, read_model_file
 from protocols.record import read_record
-from tests.conftest import LONG, SAMPLES, first_quick
+from tests.conftest import LONG, SAMPLES
 from tests.hidden_sessions import write_session
 from tests.screens.diagnosing import diagnosed, offered, verdict
 from tests.screens.driving import SIZE, rows, said, text, until
@@ -244,8 +244,7 @@ async def test_what_cannot_be_told_apart_is_said(doubtful: Path) -> None:
 
 
 @LONG
-@pytest.mark.parametrize("late", first_quick(["usual", "begin"]))
-async def test_wrong_moments(bowed: Path, monkeypatch: pytest.MonkeyPatch, late: str) -> None:
+async def test_wrong_moments(bowed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     interface = Glidecal(screen := DiagnoseScreen([bowed]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await until(pilot, "looking", lambda: screen.is_mounted and screen.looking)
@@ -254,14 +253,14 @@ async def test_wrong_moments(bowed: Path, monkeypatch: pytest.MonkeyPatch, late:
         await diagnosed(pilot, interface)
         await pilot.press("w")
         await until(pilot, "list", lambda: isinstance(interface.screen, ChoiceDialog))
-        come, begun, done = threading.Event(), threading.Event(), getattr(Trial, late)
+        come, begun, done = threading.Event(), threading.Event(), Trial.begin
 
         def waiting(trial: Trial) -> object:
             begun.set()
             come.wait(60)
             return done(trial)
 
-        monkeypatch.setattr(Trial, late, waiting)
+        monkeypatch.setattr(Trial, "begin", waiting)
         await pilot.press("1")
         await until(pilot, "page", lambda: isinstance(interface.screen, WhatIfScreen))
         await until(pilot, "beginning", begun.is_set)

@@ -115,7 +115,7 @@ def run(
     from protocols.record import read_record
 
     refuse_beside_continue(context)
-    check_ending(output, ".jsonl")
+    check_ending(output if macro is None else None, ".jsonl")  # of a macro another verb is named
     family = family_of(machine) if machine else family_of_files(None, [resume] if resume else [])
     options = options_of(context, family, f"the machine {machine or family.name}", machine_options)
     if family.sessions is not None:
@@ -418,7 +418,6 @@ def align(
     from protocols.procedure import ALL_AXES, procedure_on
     from protocols.record import read_record
 
-    check_ending(output, ".jsonl")
     rail = next((letter for letter in ALL_AXES if reference and letter == reference.lower()), None)
     if rail is None and reference is not None:
         raise UsageError("--reference", repr(reference), "x, y or z")
@@ -443,6 +442,7 @@ def align(
     if wrong := typed(context, ("machine_file_out", "force")):
         raise UsageError(wrong, "no session", "a session that was measured: align SESSION")
     refuse_beside_continue(context)
+    check_ending(output, ".jsonl")
     machine_known = load_machine(machine)
     instruments = choose_indicators(
         indicator or (), (), DEFAULT_PROFILE, machine=machine_known, simulated=simulated

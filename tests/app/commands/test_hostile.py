@@ -53,7 +53,12 @@ def test_coarse_display_and_tiny_repeatability(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("output", ["", ".", "/"])
 def test_output_that_is_no_file(output: str, tmp_path: Path) -> None:
-    refused(3, "simulate", "-o", output, cwd=tmp_path)
+    assert "ends with .jsonl" in refused(2, "simulate", "-o", output, cwd=tmp_path)
+
+
+def test_output_that_is_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "s.jsonl").mkdir()
+    refused(3, "simulate", "-o", tmp_path / "s.jsonl")
 
 
 @pytest.mark.parametrize("text", ["x=" + "[" * 3000, "x=" + "9" * 5000, "x = 1\n" * 2])
@@ -70,7 +75,7 @@ def test_messages_stay_short(tmp_path: Path) -> None:
     message = refused(3, "run", "--dry-run", "--machine", path)
     assert "and 2997 more" in message
     assert len(message) < 900
-    assert len(refused(3, "simulate", "--model", EXPERIMENT, "-o", tmp_path / "s")) < 900
+    assert len(refused(3, "simulate", "--model", EXPERIMENT, "-o", tmp_path / "s.jsonl")) < 900
 
 
 def test_very_long_procedure_name(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from protocols.machine import Machine
 from protocols.model_file import model_file, read_model
 from tests.app.cli import glidecal, refused
 from tests.builders import postures
-from tests.conftest import LONG, ROOT
+from tests.conftest import LONG, ROOT, SAMPLES
 
 OFF = (1.2, -0.7, 0.4, 0.05, -0.02, 0.03)
 
@@ -101,6 +101,20 @@ def test_the_documented_effect_is_adopted_and_fitted(folder: Path, tmp_path: Pat
         size = max(json.loads(run.out)["effects"], key=lambda entry: abs(entry["value"]))
         assert abs(abs(size["value"]) - 200.0) < 3.0 * size["standard_uncertainty"]
         assert size["standard_uncertainty"] < 20.0
+
+
+def test_the_first_hour_of_a_newcomer(folder: Path, tmp_path: Path) -> None:
+    """The commands of CONTRIBUTING.md, and the line that they lead to."""
+    write(folder, documented())
+    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    commands = re.findall(r"^glidecal (.*)$", page.partition("first hour")[2], re.MULTILINE)
+    for command in commands:
+        words = command.replace("sample_sessions", f"{SAMPLES}").split()
+        run = glidecal(*words, cwd=tmp_path)
+        assert run.status == 0, run.err
+    assert len(commands) == 3
+    (sentence,) = re.findall(r'"(EXPLAINED.*)"', page)
+    assert run.out.splitlines()[0] == sentence
 
 
 @LONG

@@ -249,7 +249,8 @@ class ControllerCorrections:
     @property
     def is_worked_out(self) -> bool:
         """Whether the answer for every controller is there."""
-        return {holds for holds, absent in self._corrections if not absent} == set(HOLDS)
+        corrections = [*self._corrections]  # a copy: another thread may be working them out
+        return {holds for holds, absent in corrections if not absent} == set(HOLDS)
 
     def off(self, model: Model) -> ToolOff:
         """The tool where the controller holds this model. Raises ImpossibleRequest."""

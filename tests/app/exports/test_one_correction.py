@@ -5,12 +5,15 @@ from __future__ import annotations
 import csv
 import json
 import re
+import sys
+import threading
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from app.evaluating.correction import ControllerCorrections
 from app.evaluating.solution import SessionSolution, judge, solve_files
 from app.report.schema.document import to_json
 from app.report.schema.solution import SolutionReport
@@ -288,3 +291,21 @@ def test_a_likely_mistake_in_the_readings_is_named_with_the_values(tmp_path: Pat
     assert "WARNING: likely a mistake in the readings" in words
     assert "sign reversed (zy), > 0.99" in words
     assert "sign reversed (zy)" in exported(path, tmp_path / "c", "--format", "csv").read_text()
+
+
+def test_another_thread_may_work_out_corrections_while_it_is_asked_for_them() -> None:
+    """A screen asks at every change of its size; it ended with "changed size during iteration"."""
+    corrections = object.__new__(ControllerCorrections)
+    made: dict[object, None] = {}
+    object.__setattr__(corrections, "_corrections", made)
+    interval_s = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        keys = (("offsets", (("table", f"{number}"),)) for number in range(30_000))
+        worker = threading.Thread(target=lambda: made.update((key, None) for key in keys))
+        worker.start()
+        while worker.is_alive():
+            assert not corrections.is_worked_out
+        worker.join()
+    finally:
+        sys.setswitchinterval(interval_s)

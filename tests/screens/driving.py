@@ -84,7 +84,7 @@ async def until(pilot: Pilot[str], what: str, condition: object) -> None:
     """Wait until the condition holds, and screens have their parts; says what did not happen."""
     assert callable(condition)
     deadline = time.monotonic() + PATIENCE_S
-    while time.monotonic() < deadline and pilot.app.is_running:
+    while time.monotonic() < deadline:
         if condition() and all(screen.is_mounted for screen in pilot.app.screen_stack):
             return
         await pilot.pause(0.02)

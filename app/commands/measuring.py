@@ -121,10 +121,17 @@ def run(
     if family.sessions is not None:
         if wrong := typed(context, OF_INDICATORS["run"]):
             raise UsageError(wrong, f"the machine {family.name}", "machines read on their legs")
-        seed_of_machine = seed if simulated else None
         family.sessions.run(
-            *(machine, protocol, output, resume, operator, temperature, note, seed_of_machine),
-            *(dry_run, indicator or ()),
+            machine=machine,
+            protocol=protocol,
+            output=output,
+            resume=resume,
+            operator=operator,
+            temperature_c=temperature,
+            note=note,
+            seed=seed if simulated else None,
+            dry_run=dry_run,
+            indicators=indicator or (),
             **options,
         )
         return

@@ -12,6 +12,7 @@ from app.machines.options import (
     Force,
     Machine,
     Place,
+    PostureSearch,
     ScreenAnswer,
     argument,
     deliver,
@@ -117,9 +118,9 @@ def postures(
     """Optimum postures, beside those of the procedure."""
     family = family_of(machine)
     options = options_of(context, family, f"the machine {machine}", machine_options)
-    question = machine, procedure, machine_file_of(machine, NAMES, machine_file)
-    search = count, criterion or family.criterion, seed, starts, output, force
-    family.postures(*question, *search, **options).show(as_json=as_json)
+    its_file = machine_file_of(machine, NAMES, machine_file)
+    search = PostureSearch(count, criterion or family.criterion, seed, starts, output, force)
+    family.postures(machine, procedure, its_file, search, **options).show(as_json=as_json)
 
 
 @with_options_of_machines

@@ -125,8 +125,14 @@ def import_table(
         _check_postures(context, name, source)
         _refuse_sessions([] if template else source)
         family.sessions.imported(
-            *(source[0], output, machine, protocol, template),
-            *(remark or (), _day(measured_on), force),
+            source=source[0],
+            output=output,
+            machine=machine,
+            protocol=protocol,
+            template=template,
+            remarks=remark or (),
+            measured_on=_day(measured_on),
+            force=force,
             **options,
         )
     elif template:

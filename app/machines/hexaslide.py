@@ -13,6 +13,7 @@ from app.machines.hexaslide_sessions import SESSIONS
 from app.machines.options import (
     Answer,
     Family,
+    PostureSearch,
     ScreenAnswer,
     deliver,
     file,
@@ -154,12 +155,7 @@ def postures(
     _name: str,
     procedure: str,
     machine_file: Path | None,
-    count: int | None,
-    criterion: str,
-    seed: int,
-    starts: int,
-    output: Path | None,
-    force: bool,
+    search: PostureSearch,
     *,
     measured: MeasuredDistance = "",
     known: Known = None,
@@ -198,15 +194,16 @@ def postures(
         measured=parts(measured),
         known=_parts_known(known),
         posture_file=posture_file,
-        seed=seed,
+        seed=search.seed,
     )
-    search = Search(Criterion(criterion), starts=starts, space=space, scaled=scaled, few=few)
-    may = may_write(output, ".csv", force=force)
+    criterion = Criterion(search.criterion)
+    of_machine = Search(criterion, starts=search.starts, space=space, scaled=scaled, few=few)
+    may = may_write(search.output, ".csv", force=search.force)
     with working("Looking for postures"):
-        best = asked_postures(request, count, search, as_is=as_is)
-    if output:
-        write_files(output, {"": posture_table(best.coordinates)}, replace=may)
-        say(f"postures written to {output}")
+        best = asked_postures(request, search.count, of_machine, as_is=as_is)
+    if search.output:
+        write_files(search.output, {"": posture_table(best.coordinates)}, replace=may)
+        say(f"postures written to {search.output}")
     return Answer(best, postures_text, HexaSlidePosturesReport.of)
 
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Concatenate, Generic, Literal, TypeVar
 
 import typer
 from typer.models import ArgumentInfo, OptionInfo
@@ -304,10 +304,23 @@ def finite_place(place_mm: Place | None) -> Place | None:
 
 
 @dataclass(frozen=True)
+class PostureSearch:
+    """How postures are looked for; None: not given. With ``force`` a file is replaced unasked."""
+
+    count: int | None
+    criterion: str
+    seed: int
+    starts: int
+    output: Path | None
+    force: bool
+
+
+@dataclass(frozen=True)
 class SessionVerbs:
     """What a kind of machine does with sessions of its own form.
 
-    Options of ``run`` and ``imported`` as in `Family`, beside a table to import or to write.
+    ``run`` and ``imported`` have so many arguments that all are given by name; options of theirs as
+    in `Family`.
     ``validated`` is a session and its record, raising RecordError; ``exported`` are the files of a
     format, by name, with cautions; ``diagnosed`` is beside a model, and writes one with a named
     effect, or a candidate, where a path is given; ``compared`` is of two sessions of one machine,
@@ -349,11 +362,13 @@ class Family:
     criterion: str
     posture_file: str
     reads: Callable[[Path], bool]
-    identifiability: Callable[..., Answer[Any] | ScreenAnswer]
-    postures: Callable[..., Answer[Any]]
-    simulate: Callable[..., None]
-    solve: Callable[..., Answer[Any]]
-    plan: Callable[..., Answer[Any]] | None = None
+    identifiability: Callable[
+        Concatenate[str, str | None, Path | None, ...], Answer[Any] | ScreenAnswer
+    ]
+    postures: Callable[Concatenate[str, str, Path | None, PostureSearch, ...], Answer[Any]]
+    simulate: Callable[Concatenate[Path, str | None, int, bool, ...], None]
+    solve: Callable[Concatenate[Sequence[Path], ...], Answer[Any]]
+    plan: Callable[Concatenate[str | None, Sequence[Path], ...], Answer[Any]] | None = None
     workspace: Callable[[str, float, Place | None], Answer[Any]] | None = None
     look: Look | None = None
     sessions: SessionVerbs | None = None

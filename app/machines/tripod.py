@@ -18,6 +18,7 @@ from app.machines.options import (
     MacroName,
     Method,
     Place,
+    PostureSearch,
     PrintableRadius,
     Protocol,
     SubsetName,
@@ -87,12 +88,7 @@ def postures(
     name: str,
     procedure_name: str,
     machine_file: Path | None,
-    count: int | None,
-    criterion: str,
-    seed: int,
-    starts: int,
-    output: Path | None,
-    force: bool,
+    search: PostureSearch,
     *,
     noise: Noise = None,
     budget: Annotated[float | None, number("Minutes at most, with set-up.", 0.0)] = None,
@@ -113,25 +109,25 @@ def postures(
     from calib.tripod.optimum import optimum_postures
     from protocols.files import targets_of, write_files
 
-    if count is None:
+    if search.count is None:
         raise UsageError("--count", "none", "how many postures to choose")
-    may = may_write(output, ".toml", force=force)  # run --protocol takes no other
+    may = may_write(search.output, ".toml", force=search.force)  # run --protocol takes no other
     machine, like = _machine_and_procedure(machine_file or name, procedure_name)
     planned = tripod_planning(machine, like, noise, mounting_seconds / 60.0)
     with working("Looking for postures"):
         optimum = optimum_postures(
             planned,
-            count,
-            criterion=Criterion(criterion),
+            search.count,
+            criterion=Criterion(search.criterion),
             budget_min=budget,
-            seed=seed,
-            starts=starts,
+            seed=search.seed,
+            starts=search.starts,
             repeats=repeats,
             common=common,
             refine=refine,
         )
-    if output:
-        target, contents = procedure_files(optimum.orders, like, output)
+    if search.output:
+        target, contents = procedure_files(optimum.orders, like, search.output)
         may = may_replace(may, *targets_of(target, contents))
         for path in write_files(target, contents, replace=may):
             say(f"procedure written to {path}")
